@@ -1,0 +1,82 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "s3lam/geometry/camera.h"
+
+namespace s3lam {
+
+enum class SequenceFormat { kAuto, kTum, kKitti, kKittiRaw, kEuroc, kFolder, kVideo };
+
+/// "auto", "tum", "kitti", "kitti-raw", "euroc", "folder", "video".
+std::optional<SequenceFormat> SequenceFormatFromName(std::string_view name);
+
+/// Frames first, first + step, ... below end (negative end: to the last).
+struct FrameRange {
+  int first = 0;
+  int end = -1;
+  int step = 1;
+};
+/// Parses "A:B:STEP", "A:B", ":B", "A:" (Python's slice rules for what is left out). Throws
+/// UsageError.
+FrameRange ParseFrameRange(const std::string& text);
+
+struct SequenceFrame {
+  double time_s = 0.0;
+  std::string name;            // Relative to image_root, unique, as written into the model.
+  std::filesystem::path path;  // Of the image file; empty for frames of a video.
+  int index = 0;               // Position in the whole sequence, before the frame range.
+};
+
+/// An image sequence opened but not read: what frames there are, when, and with which camera.
+struct ImageSequence {
+  SequenceFormat format = SequenceFormat::kFolder;
+  std::filesystem::path image_root;   // What the names are relative to.
+  std::vector<SequenceFrame> frames;  // By increasing time.
+  std::optional<Camera> camera;       // What the sequence brings, in COLMAP's pixel convention.
+};
+
+/// Lists a sequence:
+///   tum        rgb.txt ("timestamp path") and the files it names
+///   kitti      image_0 (or image_2 ...), times.txt, calib.txt (P0; principal point + 0.5)
+///   kitti-raw  image_00/data, image_00/timestamps.txt, calib_cam_to_cam.txt beside or above
+///   euroc      mav0/cam0/data.csv, data, sensor.yaml (principal point + 0.5)
+///   folder     images in natural order, sub-folders included; times from camera.json's fps or 30
+///   Hz video      any file OpenCV opens
+/// A camera.json in the folder (or beside the images) wins over what the format brings. Throws
+/// InputError naming what is missing or malformed.
+ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
+                           const FrameRange& range = {});
+
+/// Reads single frames as 8-bit images; not thread-safe for videos.
+class FrameReader {
+ public:
+  explicit FrameReader(const ImageSequence& sequence);
+  ~FrameReader();
+
+  /// 8-bit BGR (three channels) or gray (one), as stored; 16-bit images are scaled to 8. Throws
+  /// InputError naming the file if it cannot be decoded or is cut short.
+  [[nodiscard]] cv::Mat Read(size_t frame_index) const;
+  /// True if Read may be called from several threads at once.
+  [[nodiscard]] bool IsThreadSafe() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// camera.json: {"model": "SIMPLE_RADIAL", "width": 640, "height": 480, "params": [...], "fps": 30}
+/// with COLMAP's names, order and pixel convention. Throws InputError naming the file and the key.
+struct CameraFile {
+  Camera camera;
+  std::optional<double> fps;
+};
+CameraFile ReadCameraJson(const std::filesystem::path& path);
+void WriteCameraJson(const CameraFile& file, const std::filesystem::path& path);
+
+}  // namespace s3lam

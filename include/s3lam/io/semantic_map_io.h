@@ -1,0 +1,23 @@
+#pragma once
+
+#include <filesystem>
+
+#include "s3lam/scene/semantic_map.h"
+
+namespace s3lam {
+
+/// Class tables: configs/classes/*.json. Throws InputError naming the file and the entry.
+ClassTable ReadClassTable(const std::filesystem::path& path);
+
+/// A semantics folder: semantics.json (version, class table, clusters, planes, model fingerprint)
+/// and distributions.npy (points x classes; row order = "points" of semantics.json).
+void WriteSemanticMap(const SemanticMap& map, const std::filesystem::path& directory);
+
+/// Throws InputError naming the file and the reason; checks references within the map, but not
+/// against a model (CheckSemanticMap does).
+SemanticMap ReadSemanticMap(const std::filesystem::path& directory);
+
+/// planes.ply: each plane's extent as a coloured polygon with its normal.
+void WritePlanesPly(const SemanticMap& map, const std::filesystem::path& path);
+
+}  // namespace s3lam

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <filesystem>
+#include <iosfwd>
+#include <string>
+#include <vector>
+
+#include "s3lam/scene/trajectory.h"
+
+namespace s3lam {
+
+/// TUM: "t tx ty tz qx qy qz qw", world_from_camera, # comments. Times must increase strictly.
+/// Throws InputError naming source and line.
+Trajectory ReadTumTrajectory(std::istream& stream, const std::string& source);
+Trajectory ReadTumTrajectory(const std::filesystem::path& path);
+
+/// KITTI: 12 numbers a line, 3x4 world_from_camera; times are the line numbers 0, 1, ..., or come
+/// from `times` (one per pose).
+Trajectory ReadKittiTrajectory(std::istream& stream, const std::string& source,
+                               const std::vector<double>& times = {});
+
+/// Reads either, told apart by the number of columns.
+Trajectory ReadTrajectory(const std::filesystem::path& path);
+
+/// Writes TUM with full precision, single spaces, and a comment line naming the columns.
+void WriteTumTrajectory(const Trajectory& trajectory, std::ostream& stream);
+void WriteTumTrajectory(const Trajectory& trajectory, const std::filesystem::path& path);
+
+}  // namespace s3lam

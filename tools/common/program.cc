@@ -1,0 +1,151 @@
+#include "common/program.h"
+
+#include <fmt/format.h>
+
+#include <clocale>
+#include <exception>
+#include <iostream>
+#include <new>
+#include <sstream>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
+#include "s3lam/base/progress.h"
+#include "s3lam/base/version.h"
+#include "s3lam/io/file.h"
+
+namespace s3lam::tools {
+namespace po = boost::program_options;
+namespace {
+
+constexpr int kFailed = 1;
+constexpr int kUsage = 2;
+constexpr int kBadInput = 3;
+
+po::options_description CommonDescription() {
+  po::options_description description("Common options");
+  auto add = description.add_options();
+  add("config", po::value<std::string>()->value_name("FILE"), "JSON configuration");
+  add("set", po::value<std::vector<std::string>>()->composing()->value_name("KEY.PATH=VALUE"),
+      "set one configuration value; may be repeated");
+  add("threads", po::value<int>()->default_value(0), "threads to use, 0 for all");
+  add("seed", po::value<uint64_t>()->default_value(0), "seed of all randomness");
+  add("progress", po::value<std::string>()->default_value("bar"),
+      "progress on stderr: bar, json or none");
+  add("json", po::bool_switch(), "print the final report as JSON");
+  add("overwrite", po::bool_switch(), "replace an existing output directory");
+  add("quiet", po::bool_switch(), "only warnings and errors on stderr");
+  add("print-config", "print the default configuration as JSON and exit");
+  add("help,h", "print this text and exit");
+  add("version", "print the version and exit");
+  return description;
+}
+
+CommonArguments ParseCommon(const po::variables_map& arguments) {
+  CommonArguments common;
+  if (arguments.count("config") > 0) common.config_file = arguments["config"].as<std::string>();
+  if (arguments.count("set") > 0) {
+    common.assignments = arguments["set"].as<std::vector<std::string>>();
+  }
+  common.threads = arguments["threads"].as<int>();
+  if (common.threads < 0) throw UsageError("--threads must not be negative");
+  common.seed = arguments["seed"].as<uint64_t>();
+  common.overwrite = arguments["overwrite"].as<bool>();
+  common.quiet = arguments["quiet"].as<bool>();
+  common.json = arguments["json"].as<bool>();
+  const std::string progress = arguments["progress"].as<std::string>();
+  if (progress == "bar") {
+    SetProgressStyle(common.quiet ? ProgressStyle::kNone : ProgressStyle::kBar);
+  } else if (progress == "json") {
+    SetProgressStyle(ProgressStyle::kJson);
+  } else if (progress == "none") {
+    SetProgressStyle(ProgressStyle::kNone);
+  } else {
+    throw UsageError(fmt::format("--progress {}: expected bar, json or none", progress));
+  }
+  return common;
+}
+
+void PrintHelp(const Program& program, const po::options_description& all) {
+  std::ostringstream text;
+  text << program.name << " " << Version() << "\n\n" << program.description << "\n\n" << all;
+  if (!program.option_help.empty()) {
+    text << "\nConfiguration (--config, --set), with defaults:\n" << program.option_help;
+  }
+  text << "\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.\n";
+  std::cout << text.str();
+}
+
+int RunParsed(int argc, char** argv, const Program& program) {
+  po::options_description all;
+  all.add(program.arguments).add(CommonDescription());
+  po::variables_map arguments;
+  const auto style = po::command_line_style::unix_style & ~po::command_line_style::allow_guessing;
+  po::store(po::command_line_parser(argc, argv)
+                .options(all)
+                .positional(po::positional_options_description())
+                .style(style)
+                .run(),
+            arguments);
+  po::notify(arguments);
+  if (arguments.count("help") > 0) {
+    PrintHelp(program, all);
+    return 0;
+  }
+  if (arguments.count("version") > 0) {
+    std::cout << program.name << " " << Version() << "\n";
+    return 0;
+  }
+  if (arguments.count("print-config") > 0) {
+    std::cout << program.default_config.dump(2) << "\n";
+    return 0;
+  }
+  const CommonArguments common = ParseCommon(arguments);
+  InitLogging(common.quiet);
+  program.run(arguments, common);
+  std::cout.flush();
+  if (!std::cout) throw std::runtime_error("cannot write the report to standard output");
+  return 0;
+}
+
+}  // namespace
+
+int RunProgram(int argc, char** argv, const Program& program) {
+  std::setlocale(LC_ALL, "C");
+  const auto fail = [&](int code, const char* what) {
+    fmt::print(stderr, "{}: {}\n", program.name, what);
+    return code;
+  };
+  try {
+    return RunParsed(argc, argv, program);
+  } catch (const UsageError& error) {
+    return fail(kUsage, error.what());
+  } catch (const po::error& error) {
+    return fail(kUsage, fmt::format("{} (see --help)", error.what()).c_str());
+  } catch (const InputError& error) {
+    return fail(kBadInput, error.what());
+  } catch (const std::bad_alloc&) {
+    return fail(kFailed, "out of memory");
+  } catch (const std::exception& error) {
+    return fail(kFailed, error.what());
+  }
+}
+
+nlohmann::json ReadConfigFile(const CommonArguments& common) {
+  if (common.config_file.empty()) return nlohmann::json::object();
+  return ReadJson(common.config_file);
+}
+
+std::string Required(const po::variables_map& arguments, const std::string& name) {
+  if (arguments.count(name) == 0 || arguments[name].as<std::string>().empty()) {
+    throw UsageError(fmt::format("--{} is required (see --help)", name));
+  }
+  return arguments[name].as<std::string>();
+}
+
+void PrintReport(const CommonArguments& common, const std::string& table,
+                 const nlohmann::json& report) {
+  std::cout << (common.json ? report.dump(2) + "\n" : table);
+}
+
+}  // namespace s3lam::tools
