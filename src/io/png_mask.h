@@ -1,0 +1,18 @@
+#pragma once
+
+#include <filesystem>
+#include <opencv2/core/mat.hpp>
+#include <string>
+#include <string_view>
+
+namespace s3lam {
+
+/// Throws InputError naming `source` unless `bytes` is a PNG file that is complete, that is whose
+/// chunks lead to the end chunk. (Their checksums are the decoder's business.)
+void CheckPngIsComplete(std::string_view bytes, const std::string& source);
+
+/// Decodes a PNG as it is stored: depth and channels unchanged (colour as BGR). Throws InputError
+/// naming the path if the file is missing, cut short or damaged.
+cv::Mat ReadPngMask(const std::filesystem::path& path);
+
+}  // namespace s3lam
