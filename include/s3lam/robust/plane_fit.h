@@ -1,0 +1,75 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/base/rng.h"
+#include "s3lam/geometry/plane.h"
+#include "s3lam/robust/ransac.h"
+
+namespace s3lam {
+
+/// A point with its uncertainty: what a plane through it may miss it by is
+/// sigma^2 = n^T covariance n.
+struct UncertainPoint {
+  Eigen::Vector3d xyz = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
+};
+
+struct PlaneFitOptions {
+  RansacOptions ransac;
+  double inlier_sigmas = 1.96;
+  double local_radius = 0.3;
+  double max_tilt_sigma_deg = 3.0;
+  double min_width_ratio = 0.05;
+
+  void Visit(OptionVisitor& v) {
+    v.Group("ransac", ransac, "Sampling.");
+    v.Value("inlier_sigmas", inlier_sigmas,
+            "Largest distance of an inlier, in its own standard deviations (1.96: 95 %).", 0.1);
+    v.Value("local_radius", local_radius,
+            "Half of the samples are drawn within this fraction of the points' spread.", 0.01);
+    v.Value("max_tilt_sigma_deg", max_tilt_sigma_deg,
+            "A plane whose normal is less certain than this is refused [deg].", 0.0, 90.0);
+    v.Value("min_width_ratio", min_width_ratio,
+            "Inliers narrower than this fraction of their length are refused as a line.", 0.0, 1.0);
+  }
+};
+
+/// A plane with what its inliers say of it.
+struct PlaneFit {
+  Plane plane;
+  Eigen::Vector3d centroid = Eigen::Vector3d::Zero();  // Weighted by certainty, on the plane.
+  Eigen::Vector3d axis_u = Eigen::Vector3d::UnitX();   // In the plane, along the longest extent.
+  Eigen::Vector3d axis_v = Eigen::Vector3d::UnitY();   // normal x axis_u.
+  double spread_u = 0.0;                               // RMS of the inliers along u, v.
+  double spread_v = 0.0;
+  double rms = 0.0;        // Of the inliers' distances.
+  double rms_sigma = 0.0;  // The same in units of each point's sigma.
+  /// Of (rotation about u [rad], rotation about v [rad], shift along the normal at the centroid);
+  /// grown by rms_sigma^2 where the inliers scatter more than predicted.
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  std::vector<size_t> inliers;  // Ascending.
+};
+
+/// Standard deviation [units of the points] of a point's distance to a plane.
+inline double DistanceSigma(const UncertainPoint& point, const Eigen::Vector3d& normal) {
+  return std::sqrt(std::max(0.0, normal.dot(point.covariance * normal)));
+}
+
+/// Total least squares plane of the chosen points, each weighted by 1 / sigma^2 for the plane's own
+/// normal (iterated, since sigma depends on it). Empty for fewer than three points, points on a
+/// line or on one spot.
+std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
+                                 std::span<const size_t> indices);
+
+/// The plane that most points support: MSAC over minimal samples, then FitPlane on the inliers.
+/// Empty if the points are degenerate, or the support leaves the normal less certain than
+/// max_tilt_sigma_deg.
+std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
+                                         const PlaneFitOptions& options, Rng& rng);
+
+}  // namespace s3lam

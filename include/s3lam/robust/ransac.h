@@ -1,0 +1,160 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <concepts>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/base/rng.h"
+
+namespace s3lam {
+
+struct RansacOptions {
+  int min_iterations = 50;
+  int max_iterations = 2000;
+  double confidence = 0.999;
+
+  void Visit(OptionVisitor& v) {
+    v.Value("min_iterations", min_iterations, "Samples drawn at least.", 1);
+    v.Value("max_iterations", max_iterations, "Samples drawn at most.", 1);
+    v.Value("confidence", confidence, "Probability of having drawn an all-inlier sample.", 0.0,
+            1.0 - 1e-9);
+  }
+};
+
+/// What a model estimator offers to Ransac. Residuals are in units of their own standard deviation,
+/// so the inlier threshold has no unit.
+template <typename E>
+concept RansacEstimator = requires(const E& estimator, const typename E::Model& model,
+                                   std::array<size_t, E::kSampleSize> sample,
+                                   std::vector<typename E::Model>& models,
+                                   std::span<const size_t> inliers, Rng& rng) {
+  /// Number of data.
+  { estimator.size() } -> std::convertible_to<size_t>;
+  /// Indices of a minimal sample.
+  { estimator.DrawSample(rng) } -> std::convertible_to<std::array<size_t, E::kSampleSize>>;
+  /// Appends the models through a sample; none if it is degenerate.
+  estimator.Estimate(sample, models);
+  /// Squared residual of one datum, in squared standard deviations.
+  { estimator.SquaredError(model, size_t{}) } -> std::convertible_to<double>;
+  /// The best model of these inliers, near the given one; empty if they leave it undetermined.
+  { estimator.Refine(model, inliers) } -> std::convertible_to<std::optional<typename E::Model>>;
+};
+
+template <typename Model>
+struct RansacResult {
+  Model model;
+  double score = 0.0;           // Sum of the truncated squared errors (MSAC), lower is better.
+  std::vector<size_t> inliers;  // Ascending.
+  int iterations = 0;
+};
+
+/// `K` different indices below n, uniformly; n >= K.
+template <size_t K>
+std::array<size_t, K> DrawUniformSample(size_t n, Rng& rng) {
+  std::array<size_t, K> sample{};
+  for (size_t i = 0; i < K; ++i) {
+    do {
+      sample[i] = rng.Below(n);
+    } while (std::find(sample.begin(), sample.begin() + i, sample[i]) != sample.begin() + i);
+  }
+  return sample;
+}
+
+/// Samples needed so that one of them holds inliers only, with the given confidence.
+inline int RansacIterations(double inlier_ratio, size_t sample_size, const RansacOptions& options) {
+  const double hit = std::pow(std::clamp(inlier_ratio, 0.0, 1.0), static_cast<double>(sample_size));
+  double needed = options.max_iterations;
+  if (hit >= 1.0) {
+    needed = 1.0;
+  } else if (hit > 0.0) {
+    needed = std::ceil(std::log1p(-options.confidence) / std::log1p(-hit));
+  }
+  return static_cast<int>(
+      std::clamp(needed, static_cast<double>(options.min_iterations),
+                 std::max<double>(options.min_iterations, options.max_iterations)));
+}
+
+namespace internal {
+
+template <typename Estimator>
+double MsacScore(const Estimator& estimator, const typename Estimator::Model& model,
+                 double squared_threshold, double give_up_above) {
+  double score = 0.0;
+  for (size_t i = 0; i < estimator.size() && score <= give_up_above; ++i) {
+    score += std::min(estimator.SquaredError(model, i), squared_threshold);
+  }
+  return score;
+}
+
+template <typename Estimator>
+std::vector<size_t> FindInliers(const Estimator& estimator, const typename Estimator::Model& model,
+                                double squared_threshold) {
+  std::vector<size_t> inliers;
+  for (size_t i = 0; i < estimator.size(); ++i) {
+    if (estimator.SquaredError(model, i) < squared_threshold) inliers.push_back(i);
+  }
+  return inliers;
+}
+
+/// Refits to the inliers as long as that lowers the score.
+template <typename Estimator>
+void RefineLocally(const Estimator& estimator, double squared_threshold,
+                   RansacResult<typename Estimator::Model>& best) {
+  constexpr int kMaxRefinements = 10;
+  for (int i = 0; i < kMaxRefinements; ++i) {
+    const auto refined = estimator.Refine(best.model, best.inliers);
+    if (!refined) return;
+    const double score = MsacScore(estimator, *refined, squared_threshold, best.score);
+    if (!(score < best.score)) return;
+    best.model = *refined;
+    best.score = score;
+    best.inliers = FindInliers(estimator, best.model, squared_threshold);
+  }
+}
+
+}  // namespace internal
+
+/// MSAC (Torr and Zisserman 2000) with local refinement of every new best model (Chum et al. 2003).
+/// `threshold` is in standard deviations. Empty if there are fewer data than a sample needs, or no
+/// sample gave a model with as many inliers.
+template <RansacEstimator Estimator>
+std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& estimator,
+                                                              double threshold,
+                                                              const RansacOptions& options,
+                                                              Rng& rng) {
+  using Model = typename Estimator::Model;
+  if (estimator.size() < Estimator::kSampleSize) return std::nullopt;
+  const double squared_threshold = threshold * threshold;
+  std::optional<RansacResult<Model>> best;
+  std::vector<Model> models;
+  int needed = options.max_iterations;
+  int iteration = 0;
+  for (; iteration < std::max(needed, options.min_iterations); ++iteration) {
+    models.clear();
+    estimator.Estimate(estimator.DrawSample(rng), models);
+    for (const Model& model : models) {
+      const double limit = best ? best->score : std::numeric_limits<double>::max();
+      const double score = internal::MsacScore(estimator, model, squared_threshold, limit);
+      if (best && !(score < best->score)) continue;
+      RansacResult<Model> found{model, score,
+                                internal::FindInliers(estimator, model, squared_threshold), 0};
+      if (found.inliers.size() < Estimator::kSampleSize) continue;
+      internal::RefineLocally(estimator, squared_threshold, found);
+      best = std::move(found);
+      const double ratio =
+          static_cast<double>(best->inliers.size()) / static_cast<double>(estimator.size());
+      needed = RansacIterations(ratio, Estimator::kSampleSize, options);
+    }
+  }
+  if (best) best->iterations = iteration;
+  return best;
+}
+
+}  // namespace s3lam

@@ -1,0 +1,177 @@
+#include "s3lam/robust/plane_fit.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace s3lam {
+namespace {
+
+constexpr int kReweightings = 5;
+
+/// Keeps weights finite for points said to be exact.
+constexpr double kMinRelativeSigma = 1e-6;
+
+struct WeightedMoments {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();  // Per unit of weight.
+};
+
+WeightedMoments ComputeMoments(std::span<const UncertainPoint> points,
+                               std::span<const size_t> indices, std::span<const double> weights) {
+  WeightedMoments moments;
+  double total = 0.0;
+  for (size_t k = 0; k < indices.size(); ++k) {
+    moments.mean += weights[k] * points[indices[k]].xyz;
+    total += weights[k];
+  }
+  moments.mean /= total;
+  for (size_t k = 0; k < indices.size(); ++k) {
+    const Eigen::Vector3d d = points[indices[k]].xyz - moments.mean;
+    moments.scatter += weights[k] / total * d * d.transpose();
+  }
+  return moments;
+}
+
+/// Plane, axes and spreads from the moments; false for points on a line or spot.
+bool PlaneFromMoments(const WeightedMoments& moments, PlaneFit& fit) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(moments.scatter);
+  const Eigen::Vector3d values = solver.eigenvalues().cwiseMax(0.0);  // Ascending.
+  if (!values.allFinite() || values[2] <= 0.0 || values[1] < 1e-12 * values[2]) return false;
+  fit.centroid = moments.mean;
+  fit.plane.normal = solver.eigenvectors().col(0).normalized();
+  fit.plane.offset = -fit.plane.normal.dot(fit.centroid);
+  fit.axis_u = solver.eigenvectors().col(2).normalized();
+  fit.axis_v = fit.plane.normal.cross(fit.axis_u);
+  fit.spread_u = std::sqrt(values[2]);
+  fit.spread_v = std::sqrt(values[1]);
+  return true;
+}
+
+void ComputeSpreadAndCovariance(std::span<const UncertainPoint> points, double min_sigma,
+                                PlaneFit& fit) {
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  double squares = 0.0;
+  double normalised_squares = 0.0;
+  for (const size_t i : fit.inliers) {
+    const double distance = fit.plane.SignedDistance(points[i].xyz);
+    const double sigma = std::max(min_sigma, DistanceSigma(points[i], fit.plane.normal));
+    const Eigen::Vector3d d = points[i].xyz - fit.centroid;
+    // d(distance) / d(rotation about u, rotation about v, shift): n' = n - a v + b u.
+    const Eigen::Vector3d jacobian(-fit.axis_v.dot(d), fit.axis_u.dot(d), -1.0);
+    information += jacobian * jacobian.transpose() / (sigma * sigma);
+    squares += distance * distance;
+    normalised_squares += distance * distance / (sigma * sigma);
+  }
+  const auto n = static_cast<double>(fit.inliers.size());
+  fit.rms = std::sqrt(squares / n);
+  fit.rms_sigma = std::sqrt(normalised_squares / n);
+  fit.covariance = std::max(1.0, fit.rms_sigma * fit.rms_sigma) * information.inverse();
+}
+
+/// Draws, estimates and scores for Ransac.
+class PlaneEstimator {
+ public:
+  using Model = Plane;
+  static constexpr size_t kSampleSize = 3;
+
+  PlaneEstimator(std::span<const UncertainPoint> points, double local_radius) : points_(points) {
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (const UncertainPoint& p : points) mean += p.xyz;
+    mean /= static_cast<double>(points.size());
+    double squares = 0.0;
+    for (const UncertainPoint& p : points) squares += (p.xyz - mean).squaredNorm();
+    const double spread = std::sqrt(squares / static_cast<double>(points.size()));
+    squared_radius_ = std::pow(local_radius * spread, 2);
+    min_sigma_ = kMinRelativeSigma * spread;
+  }
+
+  [[nodiscard]] size_t size() const { return points_.size(); }
+  [[nodiscard]] double min_sigma() const { return min_sigma_; }
+
+  /// Every other sample is local: in a cluster of several planes, neighbours share one more often.
+  [[nodiscard]] std::array<size_t, 3> DrawSample(Rng& rng) const {
+    constexpr int kTries = 30;
+    std::array<size_t, 3> sample = DrawUniformSample<3>(size(), rng);
+    if (rng.Below(2) == 0) return sample;
+    for (size_t k = 1; k < 3; ++k) {
+      for (int attempt = 0; attempt < kTries; ++attempt) {
+        const size_t i = rng.Below(size());
+        if (std::find(sample.begin(), sample.end(), i) != sample.end()) continue;
+        if ((points_[i].xyz - points_[sample[0]].xyz).squaredNorm() > squared_radius_) continue;
+        sample[k] = i;
+        break;
+      }
+    }
+    return sample;
+  }
+
+  void Estimate(const std::array<size_t, 3>& sample, std::vector<Plane>& planes) const {
+    constexpr double kMinSine = 0.02;  // Of the angle between two sides of the triangle.
+    const Eigen::Vector3d& origin = points_[sample[0]].xyz;
+    const Eigen::Vector3d a = points_[sample[1]].xyz - origin;
+    const Eigen::Vector3d b = points_[sample[2]].xyz - origin;
+    const Eigen::Vector3d normal = a.cross(b);
+    if (!(normal.norm() > kMinSine * a.norm() * b.norm())) return;
+    const Eigen::Vector3d unit = normal.normalized();
+    planes.push_back({unit, -unit.dot(origin)});
+  }
+
+  [[nodiscard]] double SquaredError(const Plane& plane, size_t i) const {
+    const double distance = plane.SignedDistance(points_[i].xyz);
+    const double variance = plane.normal.dot(points_[i].covariance * plane.normal);
+    return distance * distance / std::max(variance, min_sigma_ * min_sigma_);
+  }
+
+  [[nodiscard]] std::optional<Plane> Refine(const Plane&, std::span<const size_t> inliers) const {
+    const auto fit = FitPlane(points_, inliers);
+    if (!fit) return std::nullopt;
+    return fit->plane;
+  }
+
+ private:
+  std::span<const UncertainPoint> points_;
+  double squared_radius_ = 0.0;
+  double min_sigma_ = 0.0;
+};
+
+}  // namespace
+
+std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
+                                 std::span<const size_t> indices) {
+  if (indices.size() < 3) return std::nullopt;
+  std::vector<double> weights(indices.size(), 1.0);
+  PlaneFit fit;
+  double min_sigma = 0.0;
+  for (int round = 0; round <= kReweightings; ++round) {
+    if (!PlaneFromMoments(ComputeMoments(points, indices, weights), fit)) return std::nullopt;
+    if (round == 0) min_sigma = kMinRelativeSigma * fit.spread_u;
+    for (size_t k = 0; k < indices.size(); ++k) {
+      const double sigma = std::max(min_sigma, DistanceSigma(points[indices[k]], fit.plane.normal));
+      weights[k] = 1.0 / (sigma * sigma);
+    }
+  }
+  fit.inliers.assign(indices.begin(), indices.end());
+  ComputeSpreadAndCovariance(points, min_sigma, fit);
+  return fit;
+}
+
+std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
+                                         const PlaneFitOptions& options, Rng& rng) {
+  if (points.size() < PlaneEstimator::kSampleSize) return std::nullopt;
+  const PlaneEstimator estimator(points, options.local_radius);
+  const auto found = Ransac(estimator, options.inlier_sigmas, options.ransac, rng);
+  if (!found) return std::nullopt;
+  const std::optional<PlaneFit> fit = FitPlane(points, found->inliers);
+  if (!fit || fit->spread_v < options.min_width_ratio * fit->spread_u) return std::nullopt;
+  const Eigen::Matrix2d tilt = fit->covariance.topLeftCorner<2, 2>();
+  const double tilt_variance =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(tilt, Eigen::EigenvaluesOnly).eigenvalues()[1];
+  const double max_tilt = options.max_tilt_sigma_deg * std::numbers::pi / 180.0;
+  if (!(tilt_variance < max_tilt * max_tilt)) return std::nullopt;
+  return fit;
+}
+
+}  // namespace s3lam
