@@ -36,7 +36,7 @@ struct SequenceFrame {
 /// An image sequence opened but not read: what frames there are, when, and with which camera.
 struct ImageSequence {
   SequenceFormat format = SequenceFormat::kFolder;
-  std::filesystem::path image_root;   // What the names are relative to.
+  std::filesystem::path image_root;   // What the names are relative to; of a video, its file.
   std::vector<SequenceFrame> frames;  // By increasing time.
   std::optional<Camera> camera;       // What the sequence brings, in COLMAP's pixel convention.
 };
@@ -48,20 +48,25 @@ struct ImageSequence {
 ///   euroc      mav0/cam0/data.csv, data, sensor.yaml (principal point + 0.5)
 ///   folder     images in natural order, sub-folders included; times from camera.json's fps or 30
 ///   Hz video      any file OpenCV opens
-/// A camera.json in the folder (or beside the images) wins over what the format brings. Throws
-/// InputError naming what is missing or malformed.
+/// kAuto takes the first of these that fits. A camera.json in the folder (or beside the images)
+/// wins over what the format brings. Throws InputError naming what is missing or malformed: a
+/// listed image that does not exist, times that do not increase, an empty range.
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
                            const FrameRange& range = {});
 
-/// Reads single frames as 8-bit images; not thread-safe for videos.
+/// Reads single frames as 8-bit images. A video is decoded forwards: reading its frames out of
+/// order is correct but starts again from its beginning.
 class FrameReader {
  public:
   explicit FrameReader(const ImageSequence& sequence);
   ~FrameReader();
 
-  /// 8-bit BGR (three channels) or gray (one), as stored; 16-bit images are scaled to 8. Throws
-  /// InputError naming the file if it cannot be decoded or is cut short.
+  /// 8-bit BGR (three channels) or gray (one), as stored; 16-bit images are scaled to 8. The index
+  /// is that of sequence.frames. Throws InputError naming the file if it cannot be decoded, is cut
+  /// short, or is not of the size of sequence.camera.
   [[nodiscard]] cv::Mat Read(size_t frame_index) const;
+  /// The same in gray (one channel), which is quicker: a JPEG's colours are not even decoded.
+  [[nodiscard]] cv::Mat ReadGray(size_t frame_index) const;
   /// True if Read may be called from several threads at once.
   [[nodiscard]] bool IsThreadSafe() const;
 
