@@ -1,0 +1,53 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/scene/semantic_map.h"
+#include "s3lam/semantics/instances.h"
+#include "s3lam/semantics/label_fusion.h"
+#include "s3lam/semantics/mask_observations.h"
+
+namespace s3lam {
+
+/// One binary descriptor per point, as stage 1 writes them.
+using DescriptorsByPoint = std::map<PointId, std::array<uint8_t, 32>>;
+
+struct ClusterOptions {
+  int min_points = 5;
+  double merge_distance = 0.1;
+  double min_matched_descriptors = 0.8;
+  int max_descriptor_distance = 50;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// Groups the points by class and instance (the paper): a point's class is the most likely one of
+/// its distribution, its instance the one most of its observations of that class vote for.
+std::vector<Cluster> ClusterByClassAndInstance(const MaskObservations& observations,
+                                               const InstanceAssignment& instances,
+                                               const ClassDistributions& distributions);
+
+/// Groups the points by instance alone: the one most of a point's observations vote for. A
+/// cluster's class is the one its points' distributions agree on (greatest mean), whatever a single
+/// point says.
+std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
+                                       const InstanceAssignment& instances,
+                                       const ClassDistributions& distributions);
+
+/// Merges clusters of one class that show one object twice (the paper): their centroids are closer
+/// than merge_distance * `median_depth`, and more than min_matched_descriptors of the smaller one's
+/// descriptors have a like in the other. Returns the number of merges.
+int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint& descriptors,
+                  double median_depth, const ClusterOptions& options,
+                  std::vector<Cluster>& clusters);
+
+/// Drops clusters below min_points, computes centroids, numbers the rest from 0 and enters them
+/// into the map (points and distributions of which are already there).
+void AddClusters(const Reconstruction& reconstruction, std::vector<Cluster> clusters,
+                 const ClusterOptions& options, SemanticMap& map);
+
+}  // namespace s3lam

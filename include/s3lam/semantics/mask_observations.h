@@ -1,0 +1,80 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/scene/panoptic_frame.h"
+#include "s3lam/scene/reconstruction.h"
+#include "s3lam/scene/semantic_map.h"
+
+namespace s3lam {
+
+/// Yields the panoptic segmentation of an image, or nothing if there is none. Called once per image
+/// and from several threads at once; throws InputError for a mask that cannot be used.
+using MaskProvider = std::function<std::optional<PanopticFrame>(const Image&)>;
+
+/// A segment of one mask.
+struct SegmentNode {
+  SegmentRef ref;
+  uint32_t frame = 0;  // Index into MaskObservations::frames.
+  PanopticSegment label;
+  std::vector<uint32_t> points;  // Rows seen in it, ascending.
+};
+
+inline constexpr int32_t kVoidSegment = -1;
+
+/// One point seen in one mask.
+struct PointObservation {
+  uint32_t frame = 0;
+  int32_t segment = kVoidSegment;  // Index into MaskObservations::segments.
+  bool near_border = false;        // Another segment is within LookupOptions::border_px.
+};
+
+/// How far two segments of one class, of different frames, cover each other in the image.
+struct SegmentOverlap {
+  uint32_t segment = 0;       // Of the later frame.
+  uint32_t other = 0;         // Of the earlier frame.
+  uint32_t frames_apart = 1;  // Among the frames with masks.
+  double iou = 0.0;           // Intersection over union of their pixels.
+};
+
+/// What the masks say of the points of a model.
+struct MaskObservations {
+  std::vector<ImageId> frames;        // Images with a mask, in natural order of their names.
+  std::vector<SegmentNode> segments;  // By frame, then segment id.
+  std::vector<PointId> points;        // Rows: points seen in at least one segment, ascending.
+  /// observations[first_observation[row]] ... observations[first_observation[row + 1] - 1] are the
+  /// row's, by frame; void ones included.
+  std::vector<uint32_t> first_observation;
+  std::vector<PointObservation> observations;
+  std::vector<SegmentOverlap> overlaps;  // By segment; empty unless asked for.
+
+  size_t num_images_without_mask = 0;
+  size_t num_images_with_bad_mask = 0;  // Only if lenient.
+  size_t num_scaled_masks = 0;          // Of another resolution than their image.
+
+  [[nodiscard]] std::span<const PointObservation> ObservationsOf(size_t row) const {
+    return std::span(observations)
+        .subspan(first_observation[row], first_observation[row + 1] - first_observation[row]);
+  }
+};
+
+struct LookupOptions {
+  double border_px = 1.5;
+  bool lenient = false;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// Looks every keypoint that belongs to a point up in its image's mask. A mask of another size but
+/// the same shape is looked up by nearest pixel; one of another shape throws InputError naming both
+/// sizes. Masks are decoded a few at a time, each once. With `with_overlaps`, also compares the
+/// segments of each frame with those of the two frames before.
+MaskObservations LookUpMasks(const Reconstruction& reconstruction, const MaskProvider& masks,
+                             const LookupOptions& options, bool with_overlaps, int num_threads);
+
+}  // namespace s3lam

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <optional>
+
+#include "s3lam/base/options.h"
+#include "s3lam/robust/plane_fit.h"
+#include "s3lam/scene/reconstruction.h"
+#include "s3lam/scene/semantic_map.h"
+
+namespace s3lam {
+
+struct PlaneOptions {
+  PlaneFitOptions fit;
+  double min_keypoint_sigma_px = 0.5;
+  double roughness = 0.002;
+  double max_point_sigma = 0.05;
+  int max_planes_per_cluster = 8;
+  double min_cluster_share = 0.05;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// Standard deviation of a keypoint [px], from the median reprojection error of the model.
+double EstimateKeypointSigma(const Reconstruction& reconstruction);
+
+/// Covariance of a point given its cameras' poses: sigma_px^2 (sum_i J_i^T J_i)^-1 over its
+/// observations, J_i the pinhole derivative of the pixel by the point. Long along the viewing ray
+/// where the parallax is small. Empty if the observations leave the point undetermined.
+std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruction,
+                                               const ScenePoint& point, double sigma_px);
+
+/// Fits planes to every cluster of a planar class, by MSAC and weighted least squares, as long as
+/// what is left of the cluster supports another with the class's minimum of inliers. What a point
+/// may miss a plane by is its covariance along the normal and the surface's roughness. Normals
+/// point to the cameras. Deterministic in the seed, at any number of threads.
+void FitPlanes(const Reconstruction& reconstruction, const PlaneOptions& options, uint64_t seed,
+               int num_threads, SemanticMap& map);
+
+/// The convex hull of points in the plane, counter-clockwise, without collinear corners.
+std::vector<Eigen::Vector2d> ConvexHull(std::vector<Eigen::Vector2d> points);
+
+}  // namespace s3lam

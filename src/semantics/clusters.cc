@@ -1,0 +1,215 @@
+#include "s3lam/semantics/clusters.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <utility>
+
+namespace s3lam {
+namespace {
+
+using Key = std::pair<int, int32_t>;  // Class index and instance.
+
+/// The instance with most votes; the lower one of equals; kNoInstance without any.
+int32_t MostVoted(const std::map<int32_t, int>& votes) {
+  int32_t best = kNoInstance;
+  int most = 0;
+  for (const auto& [instance, count] : votes) {
+    if (count <= most) continue;
+    most = count;
+    best = instance;
+  }
+  return best;
+}
+
+/// Votes of a row's observations for instances; those near a border count only if there are no
+/// others. A negative `class_index` admits all classes.
+int32_t InstanceOfRow(const MaskObservations& observations, const InstanceAssignment& instances,
+                      size_t row, int class_index) {
+  std::map<int32_t, int> inside;
+  std::map<int32_t, int> all;
+  for (const PointObservation& o : observations.ObservationsOf(row)) {
+    if (o.segment == kVoidSegment) continue;
+    const auto s = static_cast<size_t>(o.segment);
+    const int32_t instance = instances.instance_of_segment[s];
+    if (instance == kNoInstance) continue;
+    if (class_index >= 0 && observations.segments[s].label.class_index != class_index) continue;
+    ++all[instance];
+    if (!o.near_border) ++inside[instance];
+  }
+  return MostVoted(inside.empty() ? all : inside);
+}
+
+/// Clusters by key, each with its points and the segments it was seen in.
+std::vector<Cluster> CollectClusters(const MaskObservations& observations,
+                                     const InstanceAssignment& instances,
+                                     const std::vector<std::pair<bool, Key>>& key_of_row,
+                                     const std::map<int32_t, int>& class_of_instance) {
+  std::map<Key, Cluster> clusters;
+  for (size_t row = 0; row < key_of_row.size(); ++row) {
+    const auto& [has_key, key] = key_of_row[row];
+    if (!has_key) continue;
+    Cluster& cluster = clusters[key];
+    cluster.class_index = key.first;
+    cluster.points.push_back(observations.points[row]);
+  }
+  for (size_t s = 0; s < observations.segments.size(); ++s) {
+    const int32_t instance = instances.instance_of_segment[s];
+    if (instance == kNoInstance) continue;
+    const auto known = class_of_instance.find(instance);
+    const int class_index = known != class_of_instance.end()
+                                ? known->second
+                                : observations.segments[s].label.class_index;
+    const auto it = clusters.find({class_index, instance});
+    if (it != clusters.end()) it->second.segments.push_back(observations.segments[s].ref);
+  }
+  std::vector<Cluster> result;
+  for (auto& [key, cluster] : clusters) {
+    std::sort(cluster.segments.begin(), cluster.segments.end());
+    result.push_back(std::move(cluster));
+  }
+  return result;
+}
+
+Eigen::Vector3d Centroid(const Reconstruction& reconstruction, const std::vector<PointId>& points) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const PointId id : points) sum += reconstruction.points.at(id).xyz;
+  return sum / static_cast<double>(points.size());
+}
+
+int HammingDistance(const std::array<uint8_t, 32>& a, const std::array<uint8_t, 32>& b) {
+  std::array<uint64_t, 4> x{};
+  std::array<uint64_t, 4> y{};
+  std::memcpy(x.data(), a.data(), a.size());
+  std::memcpy(y.data(), b.data(), b.size());
+  int distance = 0;
+  for (size_t i = 0; i < x.size(); ++i) distance += std::popcount(x[i] ^ y[i]);
+  return distance;
+}
+
+std::vector<const std::array<uint8_t, 32>*> DescriptorsOf(const Cluster& cluster,
+                                                          const DescriptorsByPoint& descriptors) {
+  std::vector<const std::array<uint8_t, 32>*> result;
+  for (const PointId id : cluster.points) {
+    const auto it = descriptors.find(id);
+    if (it != descriptors.end()) result.push_back(&it->second);
+  }
+  return result;
+}
+
+/// Share of the smaller cluster's descriptors that have a like in the other.
+double MatchedShare(const Cluster& a, const Cluster& b, const DescriptorsByPoint& descriptors,
+                    int max_distance) {
+  auto few = DescriptorsOf(a, descriptors);
+  auto many = DescriptorsOf(b, descriptors);
+  if (few.size() > many.size()) std::swap(few, many);
+  if (few.empty()) return 0.0;
+  const auto matched = std::count_if(few.begin(), few.end(), [&](const auto* d) {
+    return std::any_of(many.begin(), many.end(), [&](const auto* other) {
+      return HammingDistance(*d, *other) <= max_distance;
+    });
+  });
+  return static_cast<double>(matched) / static_cast<double>(few.size());
+}
+
+template <typename T>
+void MergeSorted(const std::vector<T>& from, std::vector<T>& into) {
+  std::vector<T> all;
+  std::set_union(into.begin(), into.end(), from.begin(), from.end(), std::back_inserter(all));
+  into = std::move(all);
+}
+
+}  // namespace
+
+void ClusterOptions::Visit(OptionVisitor& v) {
+  v.Value("min_points", min_points, "Smaller clusters are dropped.", 1);
+  v.Value("merge_distance", merge_distance,
+          "Clusters of one object have centroids closer than this [median depths].", 0.0);
+  v.Value("min_matched_descriptors", min_matched_descriptors,
+          "... and more than this share of their descriptors in common.", 0.0, 1.0);
+  v.Value("max_descriptor_distance", max_descriptor_distance,
+          "Largest Hamming distance of matching descriptors [bits].", 0, 256);
+}
+
+std::vector<Cluster> ClusterByClassAndInstance(const MaskObservations& observations,
+                                               const InstanceAssignment& instances,
+                                               const ClassDistributions& distributions) {
+  std::vector<std::pair<bool, Key>> key_of_row(observations.points.size());
+  for (size_t row = 0; row < key_of_row.size(); ++row) {
+    const int class_index = MostLikelyClass(distributions, row);
+    const int32_t instance = InstanceOfRow(observations, instances, row, class_index);
+    key_of_row[row] = {instance != kNoInstance, {class_index, instance}};
+  }
+  return CollectClusters(observations, instances, key_of_row, {});
+}
+
+std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
+                                       const InstanceAssignment& instances,
+                                       const ClassDistributions& distributions) {
+  std::vector<int32_t> instance_of_row(observations.points.size());
+  std::map<int32_t, Eigen::VectorXd> sums;
+  for (size_t row = 0; row < instance_of_row.size(); ++row) {
+    const int32_t instance = InstanceOfRow(observations, instances, row, -1);
+    instance_of_row[row] = instance;
+    if (instance == kNoInstance) continue;
+    const Eigen::VectorXd p =
+        distributions.row(static_cast<Eigen::Index>(row)).cast<double>().transpose();
+    const auto [it, is_new] = sums.emplace(instance, p);
+    if (!is_new) it->second += p;
+  }
+  std::map<int32_t, int> class_of_instance;
+  for (const auto& [instance, sum] : sums) sum.maxCoeff(&class_of_instance[instance]);
+  std::vector<std::pair<bool, Key>> key_of_row(observations.points.size());
+  for (size_t row = 0; row < key_of_row.size(); ++row) {
+    const int32_t instance = instance_of_row[row];
+    if (instance == kNoInstance) continue;
+    key_of_row[row] = {true, {class_of_instance.at(instance), instance}};
+  }
+  return CollectClusters(observations, instances, key_of_row, class_of_instance);
+}
+
+int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint& descriptors,
+                  double median_depth, const ClusterOptions& options,
+                  std::vector<Cluster>& clusters) {
+  const double max_distance = options.merge_distance * median_depth;
+  int num_merges = 0;
+  for (size_t a = 0; a < clusters.size(); ++a) {
+    for (size_t b = a + 1; b < clusters.size();) {
+      const bool same_class = clusters[a].class_index == clusters[b].class_index;
+      const bool same_object =
+          same_class &&
+          (Centroid(reconstruction, clusters[a].points) -
+           Centroid(reconstruction, clusters[b].points))
+                  .norm() < max_distance &&
+          MatchedShare(clusters[a], clusters[b], descriptors, options.max_descriptor_distance) >
+              options.min_matched_descriptors;
+      if (!same_object) {
+        ++b;
+        continue;
+      }
+      MergeSorted(clusters[b].points, clusters[a].points);
+      MergeSorted(clusters[b].segments, clusters[a].segments);
+      clusters.erase(clusters.begin() + static_cast<std::ptrdiff_t>(b));
+      ++num_merges;
+      b = a + 1;  // The grown cluster may now match one passed over.
+    }
+  }
+  return num_merges;
+}
+
+void AddClusters(const Reconstruction& reconstruction, std::vector<Cluster> clusters,
+                 const ClusterOptions& options, SemanticMap& map) {
+  map.cluster_of_point.assign(map.points.size(), kInvalidClusterId);
+  for (Cluster& cluster : clusters) {
+    if (cluster.points.size() < static_cast<size_t>(options.min_points)) continue;
+    cluster.id = ClusterId(static_cast<uint32_t>(map.clusters.size()));
+    cluster.centroid_in_world = Centroid(reconstruction, cluster.points);
+    for (const PointId id : cluster.points) {
+      const auto row = std::lower_bound(map.points.begin(), map.points.end(), id);
+      map.cluster_of_point[static_cast<size_t>(row - map.points.begin())] = cluster.id;
+    }
+    map.clusters.emplace(cluster.id, std::move(cluster));
+  }
+}
+
+}  // namespace s3lam

@@ -1,0 +1,286 @@
+#include "s3lam/semantics/mask_observations.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <deque>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/parallel.h"
+#include "s3lam/base/progress.h"
+
+namespace s3lam {
+namespace {
+
+/// One image's mask, reduced to what the points and the following frames need.
+struct FrameLookup {
+  const Image* image = nullptr;
+  bool has_mask = false;
+  bool is_bad = false;
+  bool is_scaled = false;
+  std::vector<std::pair<uint32_t, PanopticSegment>> segments;      // By segment id.
+  std::vector<std::pair<PointId, PointObservation>> observations;  // segment: index into segments.
+  SegmentImage indices;         // Index into segments per pixel; kept for overlaps only.
+  std::vector<uint32_t> areas;  // Pixels per segment; for overlaps only.
+};
+
+/// "frame9" before "frame10": runs of digits compare as numbers.
+bool NaturalLess(const std::string& a, const std::string& b) {
+  const auto digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
+  size_t i = 0;
+  size_t j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (digit(a[i]) && digit(b[j])) {
+      while (i < a.size() && a[i] == '0') ++i;
+      while (j < b.size() && b[j] == '0') ++j;
+      const size_t begin_a = i;
+      const size_t begin_b = j;
+      while (i < a.size() && digit(a[i])) ++i;
+      while (j < b.size() && digit(b[j])) ++j;
+      if (i - begin_a != j - begin_b) return i - begin_a < j - begin_b;
+      const int order = a.compare(begin_a, i - begin_a, b, begin_b, j - begin_b);
+      if (order != 0) return order < 0;
+    } else {
+      if (a[i] != b[j]) return a[i] < b[j];
+      ++i;
+      ++j;
+    }
+  }
+  if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
+  return a < b;
+}
+
+std::vector<const Image*> ImagesInOrder(const Reconstruction& reconstruction) {
+  std::vector<const Image*> images;
+  for (const auto& [id, image] : reconstruction.images) images.push_back(&image);
+  std::stable_sort(images.begin(), images.end(),
+                   [](const Image* a, const Image* b) { return NaturalLess(a->name, b->name); });
+  return images;
+}
+
+/// Throws unless the mask is a scaled version of the image, to the nearest pixel.
+void CheckMaskShape(const PanopticFrame& frame, const Camera& camera, const Image& image) {
+  const auto width = static_cast<double>(frame.segment_ids.cols());
+  const auto height = static_cast<double>(frame.segment_ids.rows());
+  const double scale = width / camera.width;
+  if (std::abs(height - scale * camera.height) <= std::max(1.0, scale)) return;
+  ThrowInputError("{}: the mask is {} x {} px but its image {} is {} x {} px", frame.source, width,
+                  height, image.name, camera.width, camera.height);
+}
+
+/// True if a pixel of another segment lies within `radius` of pixel (x, y).
+bool IsNearBorder(const SegmentImage& ids, Eigen::Index x, Eigen::Index y, double radius) {
+  const auto reach = static_cast<Eigen::Index>(std::floor(radius));
+  const uint32_t id = ids(y, x);
+  for (Eigen::Index v = std::max<Eigen::Index>(0, y - reach);
+       v <= std::min(ids.rows() - 1, y + reach); ++v) {
+    for (Eigen::Index u = std::max<Eigen::Index>(0, x - reach);
+         u <= std::min(ids.cols() - 1, x + reach); ++u) {
+      const auto squared = static_cast<double>((u - x) * (u - x) + (v - y) * (v - y));
+      if (ids(v, u) != id && squared <= radius * radius) return true;
+    }
+  }
+  return false;
+}
+
+void LookUpKeypoints(const PanopticFrame& frame, const Camera& camera, double border_px,
+                     FrameLookup& lookup) {
+  const SegmentImage& ids = frame.segment_ids;
+  const double scale_x = static_cast<double>(ids.cols()) / camera.width;
+  const double scale_y = static_cast<double>(ids.rows()) / camera.height;
+  lookup.is_scaled = ids.cols() != camera.width || ids.rows() != camera.height;
+  for (const Point2D& keypoint : lookup.image->points2D) {
+    if (!keypoint.point_id.valid()) continue;
+    const auto x = static_cast<Eigen::Index>(std::floor(keypoint.xy.x() * scale_x));
+    const auto y = static_cast<Eigen::Index>(std::floor(keypoint.xy.y() * scale_y));
+    if (x < 0 || y < 0 || x >= ids.cols() || y >= ids.rows()) continue;
+    PointObservation observation;
+    if (const uint32_t id = ids(y, x); id != kNoSegment) {
+      const auto it =
+          std::lower_bound(lookup.segments.begin(), lookup.segments.end(), id,
+                           [](const auto& s, uint32_t wanted) { return s.first < wanted; });
+      S3LAM_CHECK_MSG(it != lookup.segments.end() && it->first == id,
+                      "{}: segment {} is not listed", frame.source, id);
+      observation.segment = static_cast<int32_t>(it - lookup.segments.begin());
+      observation.near_border = IsNearBorder(ids, x, y, border_px);
+    }
+    lookup.observations.emplace_back(keypoint.point_id, observation);
+  }
+}
+
+/// Replaces segment ids by indices into the frame's segments and counts their pixels.
+void IndexPixels(SegmentImage&& ids, FrameLookup& lookup) {
+  lookup.areas.assign(lookup.segments.size(), 0);
+  lookup.indices = std::move(ids);
+  uint32_t last_id = kNoSegment;
+  uint32_t last_index = kNoSegment;
+  for (uint32_t& value : lookup.indices.reshaped<Eigen::RowMajor>()) {
+    if (value != last_id) {
+      last_id = value;
+      const auto it =
+          std::lower_bound(lookup.segments.begin(), lookup.segments.end(), value,
+                           [](const auto& s, uint32_t wanted) { return s.first < wanted; });
+      const bool found = it != lookup.segments.end() && it->first == value;
+      last_index = found ? static_cast<uint32_t>(it - lookup.segments.begin()) : kNoSegment;
+    }
+    value = last_index;
+    if (last_index != kNoSegment) ++lookup.areas[last_index];
+  }
+}
+
+FrameLookup LookUpImage(const Reconstruction& reconstruction, const Image& image,
+                        const MaskProvider& masks, const LookupOptions& options, bool keep_pixels) {
+  FrameLookup lookup;
+  lookup.image = &image;
+  try {
+    std::optional<PanopticFrame> frame = masks(image);
+    if (!frame) return lookup;
+    const Camera& camera = reconstruction.CameraOf(image);
+    CheckMaskShape(*frame, camera, image);
+    lookup.segments.assign(frame->segments.begin(), frame->segments.end());
+    LookUpKeypoints(*frame, camera, options.border_px, lookup);
+    if (keep_pixels) IndexPixels(std::move(frame->segment_ids), lookup);
+    lookup.has_mask = true;
+  } catch (const InputError&) {
+    if (!options.lenient) throw;
+    lookup = FrameLookup{};
+    lookup.image = &image;
+    lookup.is_bad = true;
+  }
+  return lookup;
+}
+
+/// IoU of every pair of segments of the same class of two frames of the same size.
+std::vector<SegmentOverlap> CompareFrames(const FrameLookup& later, const FrameLookup& earlier,
+                                          uint32_t frames_apart) {
+  std::vector<SegmentOverlap> overlaps;
+  if (later.indices.rows() != earlier.indices.rows() ||
+      later.indices.cols() != earlier.indices.cols()) {
+    return overlaps;
+  }
+  const size_t columns = earlier.segments.size();
+  std::vector<uint32_t> common(later.segments.size() * columns, 0);
+  for (Eigen::Index i = 0; i < later.indices.size(); ++i) {
+    const uint32_t a = later.indices.data()[i];
+    const uint32_t b = earlier.indices.data()[i];
+    if (a != kNoSegment && b != kNoSegment) ++common[a * columns + b];
+  }
+  for (uint32_t a = 0; a < later.segments.size(); ++a) {
+    for (uint32_t b = 0; b < columns; ++b) {
+      const uint32_t shared = common[a * columns + b];
+      if (shared == 0 ||
+          later.segments[a].second.class_index != earlier.segments[b].second.class_index) {
+        continue;
+      }
+      const double all = static_cast<double>(later.areas[a]) + earlier.areas[b] - shared;
+      overlaps.push_back({a, b, frames_apart, shared / all});
+    }
+  }
+  return overlaps;
+}
+
+/// Collects the frames' results in order.
+class Collector {
+ public:
+  explicit Collector(MaskObservations& result) : result_(result) {}
+
+  /// Adds a frame; `overlaps` (with indices local to their frames) compare it with those before.
+  void Add(const FrameLookup& lookup, const std::vector<SegmentOverlap>& overlaps) {
+    if (lookup.is_bad) ++result_.num_images_with_bad_mask;
+    if (!lookup.has_mask && !lookup.is_bad) ++result_.num_images_without_mask;
+    if (!lookup.has_mask) return;
+    const auto frame = static_cast<uint32_t>(result_.frames.size());
+    const auto base = static_cast<uint32_t>(result_.segments.size());
+    result_.frames.push_back(lookup.image->id);
+    if (lookup.is_scaled) ++result_.num_scaled_masks;
+    for (const auto& [id, label] : lookup.segments) {
+      result_.segments.push_back({{lookup.image->id, id}, frame, label, {}});
+    }
+    for (auto [point, observation] : lookup.observations) {
+      observation.frame = frame;
+      if (observation.segment != kVoidSegment) observation.segment += static_cast<int32_t>(base);
+      by_point_[point].push_back(observation);
+    }
+    for (const SegmentOverlap& o : overlaps) {
+      const uint32_t other_base = frame_base_[frame - o.frames_apart];
+      result_.overlaps.push_back({o.segment + base, o.other + other_base, o.frames_apart, o.iou});
+    }
+    frame_base_.push_back(base);
+  }
+
+  void Finish() {
+    result_.first_observation.push_back(0);
+    for (const auto& [point, observations] : by_point_) {
+      const auto labelled = [](const PointObservation& o) { return o.segment != kVoidSegment; };
+      if (std::none_of(observations.begin(), observations.end(), labelled)) continue;
+      AddRow(point, observations);
+    }
+    std::stable_sort(result_.overlaps.begin(), result_.overlaps.end(),
+                     [](const auto& a, const auto& b) { return a.segment < b.segment; });
+  }
+
+ private:
+  void AddRow(PointId point, const std::vector<PointObservation>& observations) {
+    const auto row = static_cast<uint32_t>(result_.points.size());
+    result_.points.push_back(point);
+    for (const PointObservation& observation : observations) {
+      result_.observations.push_back(observation);
+      if (observation.segment == kVoidSegment) continue;
+      // A point may have two keypoints in one image.
+      auto& rows = result_.segments[static_cast<size_t>(observation.segment)].points;
+      if (rows.empty() || rows.back() != row) rows.push_back(row);
+    }
+    result_.first_observation.push_back(static_cast<uint32_t>(result_.observations.size()));
+  }
+
+  MaskObservations& result_;
+  std::vector<uint32_t> frame_base_;  // First segment of each frame.
+  std::map<PointId, std::vector<PointObservation>> by_point_;
+};
+
+}  // namespace
+
+void LookupOptions::Visit(OptionVisitor& v) {
+  v.Value("border_px", border_px,
+          "A keypoint within this distance of another segment counts as near a border [mask px].",
+          0.0, 50.0);
+  v.Value("lenient", lenient, "Skip and count masks that cannot be used, instead of failing.");
+}
+
+MaskObservations LookUpMasks(const Reconstruction& reconstruction, const MaskProvider& masks,
+                             const LookupOptions& options, bool with_overlaps, int num_threads) {
+  constexpr size_t kFramesBefore = 2;
+  const std::vector<const Image*> images = ImagesInOrder(reconstruction);
+  const size_t batch_size = 4 * static_cast<size_t>(ResolveThreads(num_threads));
+  MaskObservations result;
+  Collector collector(result);
+  std::deque<FrameLookup> before;  // The last frames with masks, latest first.
+  Progress progress("masks", static_cast<int64_t>(images.size()));
+  for (size_t begin = 0; begin < images.size(); begin += batch_size) {
+    std::vector<FrameLookup> batch(std::min(batch_size, images.size() - begin));
+    ParallelFor(batch.size(), num_threads, [&](size_t i) {
+      batch[i] = LookUpImage(reconstruction, *images[begin + i], masks, options, with_overlaps);
+    });
+    for (FrameLookup& lookup : batch) {
+      std::vector<SegmentOverlap> overlaps;
+      if (with_overlaps && lookup.has_mask) {
+        for (size_t k = 0; k < before.size(); ++k) {
+          const auto found = CompareFrames(lookup, before[k], static_cast<uint32_t>(k + 1));
+          overlaps.insert(overlaps.end(), found.begin(), found.end());
+        }
+      }
+      collector.Add(lookup, overlaps);
+      if (!with_overlaps || !lookup.has_mask) continue;
+      before.push_front(std::move(lookup));
+      if (before.size() > kFramesBefore) before.pop_back();
+    }
+    progress.Update(static_cast<int64_t>(begin + batch.size()));
+  }
+  collector.Finish();
+  return result;
+}
+
+}  // namespace s3lam

@@ -1,0 +1,241 @@
+#include "s3lam/semantics/plane_fitting.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <span>
+#include <vector>
+
+#include "s3lam/base/parallel.h"
+
+namespace s3lam {
+namespace {
+
+/// Depth of a point: the median over the cameras that observe it.
+double MedianDepthOf(const Reconstruction& reconstruction, const ScenePoint& point) {
+  std::vector<double> depths;
+  for (const TrackElement& element : point.track) {
+    depths.push_back((reconstruction.images.at(element.image_id).cam_from_world * point.xyz).z());
+  }
+  if (depths.empty()) return 0.0;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return *middle;
+}
+
+/// The points of a cluster that are known well enough to tell where a surface is.
+struct Candidates {
+  std::vector<PointId> ids;
+  std::vector<UncertainPoint> points;
+};
+
+Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& cluster,
+                          double sigma_px, const PlaneOptions& options) {
+  Candidates result;
+  for (const PointId id : cluster.points) {
+    const ScenePoint& point = reconstruction.points.at(id);
+    const auto covariance = PointCovariance(reconstruction, point, sigma_px);
+    const double depth = MedianDepthOf(reconstruction, point);
+    if (!covariance || !(depth > 0.0)) continue;
+    const double roughness = options.roughness * depth;
+    const Eigen::Matrix3d total = *covariance + roughness * roughness * Eigen::Matrix3d::Identity();
+    const double limit = options.max_point_sigma * depth;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(total, Eigen::EigenvaluesOnly);
+    if (!(solver.eigenvalues().maxCoeff() < limit * limit)) continue;
+    result.ids.push_back(id);
+    result.points.push_back({point.xyz, total});
+  }
+  return result;
+}
+
+/// Keeps the candidates that are not listed (ascending).
+void RemoveCandidates(const std::vector<size_t>& listed, Candidates& candidates) {
+  Candidates rest;
+  for (size_t i = 0; i < candidates.ids.size(); ++i) {
+    if (std::binary_search(listed.begin(), listed.end(), i)) continue;
+    rest.ids.push_back(candidates.ids[i]);
+    rest.points.push_back(candidates.points[i]);
+  }
+  candidates = std::move(rest);
+}
+
+/// True if most observations of the inliers come from behind the plane.
+bool FacesAway(const Reconstruction& reconstruction, const PlanarSurface& surface) {
+  int in_front = 0;
+  int behind = 0;
+  for (const PointId id : surface.inliers) {
+    for (const TrackElement& element : reconstruction.points.at(id).track) {
+      const Eigen::Vector3d center =
+          reconstruction.images.at(element.image_id).cam_from_world.CenterInB();
+      ++(surface.plane_in_world.SignedDistance(center) >= 0.0 ? in_front : behind);
+    }
+  }
+  return behind > in_front;
+}
+
+PlanarSurface MakeSurface(const Reconstruction& reconstruction, const Cluster& cluster,
+                          const Candidates& candidates, const PlaneFit& fit) {
+  PlanarSurface surface;
+  surface.cluster_id = cluster.id;
+  surface.class_index = cluster.class_index;
+  surface.plane_in_world = fit.plane;
+  surface.centroid_in_world = fit.centroid;
+  surface.axis_u_in_world = fit.axis_u;
+  surface.axis_v_in_world = fit.axis_v;
+  surface.rms = fit.rms;
+  surface.rms_sigma = fit.rms_sigma;
+  surface.covariance = fit.covariance;
+  for (const size_t i : fit.inliers) surface.inliers.push_back(candidates.ids[i]);
+  if (FacesAway(reconstruction, surface)) {
+    // Turning the frame half about u keeps it right-handed; rotation about v and shift change sign.
+    surface.plane_in_world.normal *= -1.0;
+    surface.plane_in_world.offset *= -1.0;
+    surface.axis_v_in_world *= -1.0;
+    const Eigen::Vector3d signs(1.0, -1.0, -1.0);
+    surface.covariance = signs.asDiagonal() * surface.covariance * signs.asDiagonal();
+  }
+  std::vector<Eigen::Vector2d> outline;
+  for (const PointId id : surface.inliers) {
+    const Eigen::Vector3d d = reconstruction.points.at(id).xyz - surface.centroid_in_world;
+    outline.emplace_back(surface.axis_u_in_world.dot(d), surface.axis_v_in_world.dot(d));
+  }
+  surface.extent = ConvexHull(std::move(outline));
+  return surface;
+}
+
+std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstruction,
+                                              const Cluster& cluster, int min_class_inliers,
+                                              double sigma_px, const PlaneOptions& options,
+                                              Rng rng) {
+  std::vector<PlanarSurface> surfaces;
+  Candidates candidates = FindCandidates(reconstruction, cluster, sigma_px, options);
+  const double share = options.min_cluster_share * static_cast<double>(cluster.points.size());
+  const auto min_inliers =
+      static_cast<size_t>(std::max(static_cast<double>(min_class_inliers), share));
+  for (int i = 0; i < options.max_planes_per_cluster; ++i) {
+    if (candidates.ids.size() < min_inliers) break;
+    const auto fit = FitPlaneRobustly(candidates.points, options.fit, rng);
+    if (!fit || fit->inliers.size() < min_inliers) break;
+    surfaces.push_back(MakeSurface(reconstruction, cluster, candidates, *fit));
+    RemoveCandidates(fit->inliers, candidates);
+  }
+  return surfaces;
+}
+
+double Cross(const Eigen::Vector2d& origin, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return (a.x() - origin.x()) * (b.y() - origin.y()) - (a.y() - origin.y()) * (b.x() - origin.x());
+}
+
+}  // namespace
+
+void PlaneOptions::Visit(OptionVisitor& v) {
+  v.Group("fit", fit, "Robust fit of one plane.");
+  v.Value("min_keypoint_sigma_px", min_keypoint_sigma_px,
+          "Keypoints are not trusted more than this [px]; above it their standard deviation is "
+          "estimated from the reprojection errors.",
+          0.01);
+  v.Value("roughness", roughness, "How far real surfaces depart from a plane [depth of the point].",
+          0.0);
+  v.Value("max_point_sigma", max_point_sigma,
+          "Points less certain than this in any direction are left out [depth of the point].", 0.0);
+  v.Value("max_planes_per_cluster", max_planes_per_cluster, "Planes per cluster at most.", 0);
+  v.Value("min_cluster_share", min_cluster_share,
+          "A plane has at least this share of its cluster's points.", 0.0, 1.0);
+}
+
+double EstimateKeypointSigma(const Reconstruction& reconstruction) {
+  constexpr double kMedianOfRayleigh = 1.17741;  // sqrt(2 ln 2), for a sigma of one.
+  std::vector<double> errors;
+  for (const auto& [id, point] : reconstruction.points) {
+    const auto n = static_cast<double>(point.track.size());
+    if (n < 2.0) continue;
+    // A point takes up 3 of its 2 n residuals' freedoms.
+    const double correction = std::sqrt(2.0 * n / (2.0 * n - 3.0));
+    for (const TrackElement& element : point.track) {
+      const Image& image = reconstruction.images.at(element.image_id);
+      const auto projected =
+          reconstruction.CameraOf(image).ImageFromCamera(image.cam_from_world * point.xyz);
+      if (!projected) continue;
+      errors.push_back(correction * (*projected - image.points2D[element.point2D_index].xy).norm());
+    }
+  }
+  if (errors.empty()) return 1.0;
+  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+  std::nth_element(errors.begin(), middle, errors.end());
+  return *middle / kMedianOfRayleigh;
+}
+
+std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruction,
+                                               const ScenePoint& point, double sigma_px) {
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  for (const TrackElement& element : point.track) {
+    const Image& image = reconstruction.images.at(element.image_id);
+    const Eigen::Vector3d x = image.cam_from_world * point.xyz;
+    if (!(x.z() > 0.0)) continue;
+    const double scale = reconstruction.CameraOf(image).MeanFocal() / x.z();
+    Eigen::Matrix<double, 2, 3> jacobian;
+    jacobian << scale, 0.0, -scale * x.x() / x.z(), 0.0, scale, -scale * x.y() / x.z();
+    jacobian = jacobian * image.cam_from_world.rotation.toRotationMatrix();
+    information += jacobian.transpose() * jacobian;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(information);
+  constexpr double kMinCondition = 1e-10;
+  const Eigen::Vector3d values = solver.eigenvalues();
+  if (!values.allFinite() || !(values[0] > kMinCondition * values[2])) return std::nullopt;
+  const Eigen::Matrix3d& vectors = solver.eigenvectors();
+  const Eigen::Vector3d variances = sigma_px * sigma_px * values.cwiseInverse();
+  return vectors * variances.asDiagonal() * vectors.transpose();
+}
+
+void FitPlanes(const Reconstruction& reconstruction, const PlaneOptions& options, uint64_t seed,
+               int num_threads, SemanticMap& map) {
+  const double sigma_px =
+      std::max(options.min_keypoint_sigma_px, EstimateKeypointSigma(reconstruction));
+  std::vector<const Cluster*> clusters;
+  for (const auto& [id, cluster] : map.clusters) {
+    if (map.class_table.classes[static_cast<size_t>(cluster.class_index)].is_planar) {
+      clusters.push_back(&cluster);
+    }
+  }
+  const Rng rng(seed);
+  std::vector<std::vector<PlanarSurface>> found(clusters.size());
+  ParallelFor(clusters.size(), num_threads, [&](size_t i) {
+    const Cluster& cluster = *clusters[i];
+    const SemanticClass& c = map.class_table.classes[static_cast<size_t>(cluster.class_index)];
+    found[i] = FitPlanesToCluster(reconstruction, cluster, c.min_plane_inliers, sigma_px, options,
+                                  rng.Fork(cluster.id.value()));
+  });
+  map.planes.clear();
+  for (std::vector<PlanarSurface>& surfaces : found) {
+    for (PlanarSurface& surface : surfaces) {
+      surface.id = PlaneId(static_cast<uint32_t>(map.planes.size()));
+      map.planes.emplace(surface.id, std::move(surface));
+    }
+  }
+}
+
+std::vector<Eigen::Vector2d> ConvexHull(std::vector<Eigen::Vector2d> points) {
+  std::sort(points.begin(), points.end(), [](const auto& a, const auto& b) {
+    return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y();
+  });
+  points.erase(std::unique(points.begin(), points.end()), points.end());
+  if (points.size() < 3) return points;
+  // Andrew's monotone chain: the lower side from left to right, then the upper side back.
+  std::vector<Eigen::Vector2d> hull;
+  const auto add_side = [&hull](auto begin, auto end) {
+    const size_t base = hull.size();
+    for (auto it = begin; it != end; ++it) {
+      while (hull.size() >= base + 2 && Cross(hull[hull.size() - 2], hull.back(), *it) <= 0.0) {
+        hull.pop_back();
+      }
+      hull.push_back(*it);
+    }
+    hull.pop_back();  // The first of the next side.
+  };
+  add_side(points.begin(), points.end());
+  add_side(points.rbegin(), points.rend());
+  return hull;
+}
+
+}  // namespace s3lam

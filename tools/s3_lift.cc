@@ -1,0 +1,191 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/program.h"
+#include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
+#include "s3lam/base/output_directory.h"
+#include "s3lam/io/colmap_model.h"
+#include "s3lam/io/descriptors.h"
+#include "s3lam/io/file.h"
+#include "s3lam/io/panoptic_masks.h"
+#include "s3lam/io/semantic_map_io.h"
+#include "s3lam/semantics/pipeline.h"
+
+namespace s3lam::tools {
+namespace {
+
+namespace fs = std::filesystem;
+namespace po = boost::program_options;
+using nlohmann::json;
+
+constexpr const char* kDescription =
+    "Stage 2: lifts panoptic masks onto the points of a COLMAP model.\n\n"
+    "Reads a COLMAP model (binary or text; descriptors.bin beside it if there), a folder of\n"
+    "panoptic masks whose names match the images, and a class table (configs/classes/).\n"
+    "Writes semantics.json (clusters, planes), distributions.npy (float32, points x classes, rows\n"
+    "as \"points\" of semantics.json), planes.ply, report.json, config.json, and the model "
+    "coloured\n"
+    "by class and by cluster in model_by_class/ and model_by_cluster/.";
+
+po::options_description Arguments() {
+  po::options_description description("s3-lift");
+  auto add = description.add_options();
+  add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model");
+  add("masks", po::value<std::string>()->value_name("DIR"), "panoptic masks");
+  add("mask-format", po::value<std::string>()->default_value("auto"), "auto, coco or kitti-step");
+  add("mask-json", po::value<std::string>()->default_value("")->value_name("FILE"),
+      "COCO panoptic JSON (default: <masks>.json, or the one in the folder)");
+  add("classes", po::value<std::string>()->value_name("FILE.json"), "class table");
+  add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
+  add("lenient", po::bool_switch(), "skip and count masks that cannot be used");
+  return description;
+}
+
+/// The masks of a model's images.
+class MaskSource {
+ public:
+  MaskSource(PanopticMasks masks, const Reconstruction& model) : masks_(std::move(masks)) {
+    std::vector<std::string> names;
+    std::vector<ImageId> ids;
+    for (const auto& [id, image] : model.images) {
+      names.push_back(image.name);
+      ids.push_back(id);
+    }
+    const auto matches = MatchMasksToImages(names, masks_.names());
+    for (size_t i = 0; i < ids.size(); ++i) {
+      if (matches[i]) mask_of_image_.emplace(ids[i], *matches[i]);
+    }
+  }
+
+  [[nodiscard]] std::optional<PanopticFrame> operator()(const Image& image) const {
+    const auto it = mask_of_image_.find(image.id);
+    if (it == mask_of_image_.end()) return std::nullopt;
+    return masks_.Read(it->second);
+  }
+
+ private:
+  PanopticMasks masks_;
+  std::map<ImageId, size_t> mask_of_image_;
+};
+
+json ReportToJson(const LiftReport& report, const ClassTable& table) {
+  json classes = json::array();
+  for (const auto& [index, counts] : report.classes) {
+    const SemanticClass& c = table.classes[static_cast<size_t>(index)];
+    classes.push_back({{"id", c.id},
+                       {"name", c.name},
+                       {"points", counts.points},
+                       {"clusters", counts.clusters},
+                       {"planes", counts.planes},
+                       {"plane_inliers", counts.plane_inliers}});
+  }
+  return {{"images", report.num_images},
+          {"images_with_mask", report.num_images_with_mask},
+          {"images_without_mask", report.num_images_without_mask},
+          {"images_with_bad_mask", report.num_images_with_bad_mask},
+          {"scaled_masks", report.num_scaled_masks},
+          {"points", report.num_points},
+          {"points_labelled", report.num_points_labelled},
+          {"points_clustered", report.num_points_clustered},
+          {"segments", report.num_segments},
+          {"merged_clusters", report.num_merges},
+          {"keypoint_sigma_px", report.keypoint_sigma_px},
+          {"mean_entropy_bits", report.mean_entropy_bits},
+          {"mean_margin", report.mean_margin},
+          {"classes", std::move(classes)},
+          {"seconds", report.step_times},
+          {"peak_memory_mib", PeakMemoryMiB()}};
+}
+
+std::string ReportToTable(const LiftReport& report, const ClassTable& table) {
+  std::string text =
+      fmt::format("images with masks  {} of {}", report.num_images_with_mask, report.num_images);
+  if (report.num_images_with_bad_mask > 0) {
+    text += fmt::format(" ({} unusable)", report.num_images_with_bad_mask);
+  }
+  if (report.num_scaled_masks > 0) text += fmt::format(" ({} scaled)", report.num_scaled_masks);
+  text += fmt::format("\npoints labelled    {} of {}, {} in clusters\n\n",
+                      report.num_points_labelled, report.num_points, report.num_points_clustered);
+  text += fmt::format("{:<24}{:>8}{:>10}{:>8}{:>10}\n", "class", "points", "clusters", "planes",
+                      "inliers");
+  for (const auto& [index, counts] : report.classes) {
+    text += fmt::format("{:<24}{:>8}{:>10}{:>8}{:>10}\n",
+                        table.classes[static_cast<size_t>(index)].name, counts.points,
+                        counts.clusters, counts.planes, counts.plane_inliers);
+  }
+  text += "\nseconds ";
+  for (const auto& [step, seconds] : report.step_times) {
+    text += fmt::format("  {} {:.2f}", step, seconds);
+  }
+  return text + "\n";
+}
+
+void WriteColoredModel(const Reconstruction& model, const fs::path& directory) {
+  fs::create_directory(directory);
+  WriteColmapModel(model, directory);
+}
+
+void WriteResult(const Reconstruction& model, const LiftResult& result, const json& config,
+                 const json& report, const fs::path& directory) {
+  WriteSemanticMap(result.map, directory);
+  WritePlanesPly(result.map, directory / "planes.ply");
+  WriteColoredModel(ColorByClass(model, result.map), directory / "model_by_class");
+  WriteColoredModel(ColorByCluster(model, result.map), directory / "model_by_cluster");
+  WriteJson(directory / "config.json", config);
+  WriteJson(directory / "report.json", report);
+}
+
+MaskFormat ParseMaskFormat(const std::string& name) {
+  const std::optional<MaskFormat> format = MaskFormatFromName(name);
+  if (!format) throw UsageError(fmt::format("--mask-format {}: unknown format", name));
+  return *format;
+}
+
+void Run(const po::variables_map& arguments, const CommonArguments& common) {
+  LiftOptions options = LoadOptions<LiftOptions>(common);
+  options.num_threads = common.threads;
+  options.seed = common.seed;
+  if (arguments["lenient"].as<bool>()) options.lookup.lenient = true;
+  const fs::path model_path = Required(arguments, "model");
+  const fs::path mask_path = Required(arguments, "masks");
+  const fs::path class_path = Required(arguments, "classes");
+  const fs::path output_path = Required(arguments, "output");
+  const MaskFormat format = ParseMaskFormat(arguments["mask-format"].as<std::string>());
+  OutputDirectory output(output_path, common.overwrite);
+
+  const ClassTable table = ReadClassTable(class_path);
+  const Reconstruction model = ReadColmapModel(model_path);
+  DescriptorsByPoint descriptors;
+  if (fs::exists(model_path / "descriptors.bin")) {
+    descriptors = ReadDescriptors(model_path / "descriptors.bin");
+  }
+  PanopticMasks masks(mask_path, format, arguments["mask-json"].as<std::string>(), table);
+  spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
+               masks.names().size(), MaskFormatName(masks.format()));
+  const MaskSource source(std::move(masks), model);
+
+  const LiftResult result = LiftSemantics(model, table, source, descriptors, options);
+  const json report = ReportToJson(result.report, table);
+  WriteResult(model, result, OptionsToJson(options), report, output.path());
+  output.Commit();
+  PrintReport(common, ReportToTable(result.report, table), report);
+}
+
+}  // namespace
+}  // namespace s3lam::tools
+
+int main(int argc, char** argv) {
+  s3lam::tools::Program program;
+  program.name = "s3-lift";
+  program.description = s3lam::tools::kDescription;
+  program.arguments.add(s3lam::tools::Arguments());
+  s3lam::tools::SetConfiguration(s3lam::LiftOptions{}, program);
+  program.run = s3lam::tools::Run;
+  return s3lam::tools::RunProgram(argc, argv, program);
+}
