@@ -1,0 +1,81 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "s3lam/geometry/camera.h"
+#include "s3lam/geometry/plane.h"
+#include "s3lam/refine/manifolds.h"
+
+namespace s3lam {
+
+/// One keypoint that sees one point. Indices are into BundleProblem's tables.
+struct BundleObservation {
+  int pose = 0;
+  int point = 0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  // px
+};
+
+/// A plane (n, h) with n . (x - anchor) + h = 0, |n| = 1.
+struct AnchoredPlane {
+  Eigen::Vector4d parameters = Eigen::Vector4d::UnitZ();
+  Eigen::Vector3d anchor_in_world = Eigen::Vector3d::Zero();
+
+  [[nodiscard]] Plane PlaneInWorld() const;
+  static AnchoredPlane FromPlane(const Plane& plane_in_world, const Eigen::Vector3d& anchor);
+};
+
+/// A point lies on a plane, up to sigma [map units].
+struct PointOnPlane {
+  int point = 0;
+  int plane = 0;
+  double sigma = 1.0;
+};
+
+/// A camera is at the common height above a ground plane, up to sigma [part of the height].
+struct HeightTerm {
+  int pose = 0;
+  int plane = 0;
+  double sigma_relative = 0.01;
+};
+
+enum class PlaneRelation { kParallel, kOrthogonal, kCoplanar };
+
+/// Two planes stand in a relation, up to sigma [rad] and, for coplanar ones, an offset [map units].
+struct RelationTerm {
+  PlaneRelation relation = PlaneRelation::kParallel;
+  int plane_a = 0;
+  int plane_b = 0;
+  double sigma_rad = 0.01;
+  double sigma_offset = 1.0;
+};
+
+/// What holds the seven freedoms of the world frame: a constant pose (six) and a second camera
+/// whose centre keeps its distance to the first one's (the scale). Indices into poses.
+struct Gauge {
+  int fixed_pose = -1;
+  int scale_pose = -1;
+};
+
+/// A bundle adjustment as plain tables: what is variable, what it is tied to. Knows nothing of how
+/// it is solved.
+struct BundleProblem {
+  std::vector<Camera> cameras;
+  std::vector<PoseBlock> poses;
+  std::vector<int> camera_of_pose;
+  std::vector<uint8_t> pose_is_constant;
+  std::vector<Eigen::Vector3d> points;
+  /// Grouped by point, points ascending.
+  std::vector<BundleObservation> observations;
+  std::vector<AnchoredPlane> planes;
+  bool planes_are_constant = true;
+  std::vector<PointOnPlane> points_on_planes;  // Ascending by point.
+  std::vector<RelationTerm> relations;
+  std::vector<HeightTerm> heights;
+  double height = 1.0;  // The common height [map units]; a variable if there are height terms.
+  Gauge gauge;
+};
+
+}  // namespace s3lam

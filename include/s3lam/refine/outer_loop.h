@@ -1,0 +1,64 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/refine/bundle_solver.h"
+#include "s3lam/refine/plane_model.h"
+#include "s3lam/refine/problem_builder.h"
+
+namespace s3lam {
+
+enum class PlaneMode {
+  kOff,    // Global bundle adjustment only.
+  kFixed,  // The paper: planes held fixed in a solve, fitted anew between solves.
+  kJoint,  // Planes are optimised together with poses and points.
+};
+
+struct PlaneOptions {
+  PlaneMode mode = PlaneMode::kJoint;
+  PlaneSigmaOptions sigma;
+  MembershipOptions membership;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct OuterLoopOptions {
+  int max_iterations = 6;
+  double max_changed = 1e-3;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// One round of: choose observations and points of planes, solve.
+struct OuterIteration {
+  bool with_planes = false;
+  BundleSolverReport solve;
+  ObservationCounts observations;
+  MembershipCounts membership;
+  double seconds = 0.0;
+};
+
+struct OuterLoopSettings {
+  BundleSolverOptions solver;
+  OutlierOptions outliers;
+  PlaneOptions planes;
+  OuterLoopOptions outer;
+};
+
+/// Bundle adjustment without planes, again until the outliers settle. Logs one line per iteration.
+/// Throws std::runtime_error if a solve fails.
+std::vector<OuterIteration> AdjustPlain(const OuterLoopSettings& settings, BundleMap& map);
+
+/// Bundle adjustment with planes, after AdjustPlain: update the planes, assign points to them,
+/// solve, drop outliers, again until next to nothing changes. The kappa of each class is taken from
+/// the points as they are at the start, without the planes' pull. Does nothing if planes are off or
+/// none has enough points near it. Logs and throws as above.
+std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings, PlaneModel& planes,
+                                         BundleMap& map);
+
+/// "off", "fixed", ...
+std::string PlaneModeName(PlaneMode mode);
+
+}  // namespace s3lam

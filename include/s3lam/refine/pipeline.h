@@ -1,0 +1,43 @@
+#pragma once
+
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/refine/outer_loop.h"
+#include "s3lam/refine/report.h"
+#include "s3lam/scene/reconstruction.h"
+#include "s3lam/scene/semantic_map.h"
+#include "s3lam/scene/trajectory.h"
+
+namespace s3lam::refine {
+
+struct Options : OuterLoopSettings {
+  void Visit(OptionVisitor& v);
+};
+
+struct Input {
+  Reconstruction model;
+  SemanticMap semantics;  // Without planes: plain bundle adjustment.
+  /// Times of the model's images in ascending image id; empty if unknown.
+  std::vector<double> image_times_s;
+  Trajectory frames;  // Poses of all frames in the model's world; may be empty.
+};
+
+struct Output {
+  Reconstruction model;
+  SemanticMap semantics;
+  Trajectory keyframes;  // The model's images, if their times are known.
+  Trajectory frames;
+};
+
+using Report = RefineReport;
+
+/// The planar bundle adjustment: minimises
+///   sum_ij rho(|| x_ij - proj(T_i, X_j) ||) + sum_k sum_{j in O_k} rho(|| pi_k^T X_j || / sigma_j)
+/// over poses and points (and planes, if joint), in rounds between which outliers and the points of
+/// planes are chosen anew. The frame of the first image and the distance to the farthest one are
+/// held. Throws InputError if the model cannot be adjusted (fewer than two images that see common
+/// points), std::runtime_error if the adjustment fails.
+Report Run(const Options& options, const Input& input, Output& output);
+
+}  // namespace s3lam::refine

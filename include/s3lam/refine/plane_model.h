@@ -1,0 +1,94 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/refine/problem_builder.h"
+#include "s3lam/scene/semantic_map.h"
+
+namespace s3lam {
+
+/// What the sigma of a point-plane residual is made of.
+enum class PlaneSigmaKind {
+  kPixel,          // kappa of the class x sigma_px x depth / f: has no unit, follows the scene.
+  kRelativeDepth,  // alpha x the map's median depth: alpha = 0.01 is the paper's weight.
+  kMetric,         // metres / metres_per_unit.
+};
+
+struct PlaneSigmaOptions {
+  PlaneSigmaKind kind = PlaneSigmaKind::kPixel;
+  double min_kappa = 0.5;
+  double alpha = 0.01;
+  double metres = 0.01;
+  double metres_per_unit = 1.0;
+
+  void Visit(OptionVisitor& v);
+};
+
+struct MembershipOptions {
+  double max_sigma = 1.96;
+  double leave_sigma = 6.0;
+  double extent_margin = 0.2;
+  int min_points = 10;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// One plane and the points that may lie on it. Indices are into BundleProblem's tables.
+struct PlaneState {
+  PlaneId id;
+  ClusterId cluster_id;
+  int class_index = 0;
+  std::vector<int> candidates;  // Ascending: inliers handed over, and its cluster's points nearby.
+  std::vector<int> members;     // Ascending: points with a term at present.
+  double kappa = 0.0;
+  bool in_use = true;  // False once it has too few members.
+};
+
+/// Planes with the uncertainty of their points.
+struct PlaneModel {
+  std::vector<PlaneState> planes;            // As BundleProblem::planes.
+  std::vector<double> pixel_size;            // See PixelSizes.
+  std::vector<Eigen::Matrix3d> covariances;  // See TriangulationCovariances.
+  std::vector<double> kappa_of_class;        // Zero for classes without a plane.
+  double median_depth = 0.0;                 // [map units]
+};
+
+/// The planes of the semantic map, anchored at the centroid of their inliers, whose points the
+/// problem has; adds them to the problem. Candidates are the inliers and the points of the same
+/// cluster within the inliers' extent (grown by extent_margin) that are nearest to this plane.
+PlaneModel BuildPlaneModel(const MembershipOptions& options, const SemanticMap& semantics,
+                           BundleMap& map);
+
+/// Recomputes what an outer iteration keeps frozen: pixel sizes and covariances.
+void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel& model);
+
+/// Sets kappa per class from the distances of the candidates at present, by the MAD: the value for
+/// which |distance| / sqrt(triangulation^2 + (kappa sigma_px z / f)^2) has the median of a unit
+/// normal's; at least min_kappa.
+void EstimateKappa(const PlaneSigmaOptions& options, const BundleProblem& problem, double sigma_px,
+                   PlaneModel& model);
+
+/// Standard deviation of the distance of a point to its plane [map units].
+double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
+                  const PlaneState& plane, int point);
+
+/// Fits every plane in use to its members anew (to its candidates if it has no members yet).
+void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& model,
+                 BundleProblem& problem);
+
+struct MembershipCounts {
+  size_t members = 0;
+  size_t outliers = 0;  // Candidates above max_sigma.
+  size_t expelled = 0;  // Above leave_sigma: candidates no more.
+  size_t changed = 0;
+};
+
+/// Decides for every candidate whether it lies on its plane, by the distance it would have without
+/// the plane's pull (chi-squared, 95 %, 1 dof), and writes the terms into the problem.
+MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,
+                              double sigma_px, PlaneModel& model, BundleProblem& problem);
+
+}  // namespace s3lam

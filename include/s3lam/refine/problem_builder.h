@@ -1,0 +1,70 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/refine/bundle_problem.h"
+#include "s3lam/scene/reconstruction.h"
+
+namespace s3lam {
+
+struct OutlierOptions {
+  double max_reprojection_sigma = 4.0;
+  double min_depth_ratio = 1e-3;
+  int min_image_observations = 6;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// A reconstruction as a bundle problem, with the way back. Every observation of the model is kept
+/// in `observations`; the problem holds those that are in use at the moment.
+struct BundleMap {
+  BundleProblem problem;
+  std::vector<ImageId> image_ids;               // Per pose, ascending.
+  std::vector<PointId> point_ids;               // Per point, ascending.
+  std::vector<TrackElement> elements;           // Per observation.
+  std::vector<BundleObservation> observations;  // Grouped by point, points ascending.
+  std::vector<uint8_t> is_used;                 // Per observation: is in problem.observations.
+
+  /// Index of a point; -1 if the model does not have it.
+  [[nodiscard]] int IndexOfPoint(PointId id) const;
+};
+
+/// All images and points, none used yet: call SelectObservations.
+BundleMap BuildBundleMap(const Reconstruction& reconstruction);
+
+/// How many observations are in use and what was left out, and why.
+struct ObservationCounts {
+  size_t total = 0;
+  size_t used = 0;
+  size_t behind = 0;    // At less than min_depth_ratio of the median depth.
+  size_t outliers = 0;  // Above max_reprojection_sigma.
+  size_t too_few = 0;   // Of a point seen by one image, or an image that sees too little.
+  size_t changed = 0;   // Use differs from before the call.
+};
+
+/// Decides anew for every observation whether it is used, at the present poses and points: in front
+/// of its camera, error at most max_reprojection_sigma (no limit if `keep_large_errors`), of a
+/// point that two or more images see, in an image that sees enough.
+ObservationCounts SelectObservations(const OutlierOptions& options, double sigma_px,
+                                     bool keep_large_errors, BundleMap& map);
+
+/// First image in use as the fixed one, and the one farthest from it to hold the scale.
+Gauge ChooseGauge(const BundleProblem& problem);
+
+/// Inverse of the Hessian of each point's reprojection errors with the poses held: the covariance
+/// of its triangulation [map units^2]; zero for a point that is not in use.
+std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& problem,
+                                                      double sigma_px);
+
+/// Per point: median depth over the cameras that see it divided by their focal length, i.e. the
+/// size of a pixel at the point [map units / px]; zero for a point that is not in use.
+std::vector<double> PixelSizes(const BundleProblem& problem);
+
+/// The reconstruction with refined poses and points, without the observations that are not in use
+/// and the points that have fewer than two left. Images that were not in the problem keep their
+/// pose.
+Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& original);
+
+}  // namespace s3lam

@@ -1,0 +1,259 @@
+#include "s3lam/refine/bundle_solver.h"
+
+#include <ceres/ceres.h>
+
+#include <deque>
+#include <set>
+#include <stdexcept>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
+#include "s3lam/refine/cost_functions.h"
+
+namespace s3lam {
+namespace {
+
+constexpr std::array<std::string_view, 4> kLinearSolverNames{"auto", "dense", "sparse",
+                                                             "iterative"};
+/// Rows of the reduced system up to which a dense factorisation is the fastest, and from which the
+/// sparse factor's fill makes iterating cheaper (measured, see benchmarks/runtime).
+constexpr int kMaxDenseRows = 2000;
+constexpr int kMaxSparseRows = 60000;
+/// Steps refused in a row, e.g. because a point would go behind its camera, before giving up.
+constexpr int kMaxRefusedSteps = 20;
+
+class CeresBundle {
+ public:
+  CeresBundle(const BundleSolverOptions& options, BundleProblem& bundle)
+      : options_(options),
+        bundle_(bundle),
+        reprojection_loss_(options.huber_reprojection),
+        plane_loss_(options.huber_plane),
+        problem_(ProblemOptions()) {
+    AddObservations();
+    AddPlanes();
+    AddHeights();
+    HoldGauge();
+  }
+
+  BundleSolverReport Solve() {
+    ceres::Solver::Options solver_options = SolverOptions();
+    std::string error;
+    if (!solver_options.IsValid(&error)) {
+      throw std::runtime_error("the bundle adjustment's options are refused: " + error);
+    }
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver_options, &problem_, &summary);
+    if (!summary.IsSolutionUsable() || !std::isfinite(summary.final_cost)) {
+      throw std::runtime_error("the bundle adjustment failed: " + summary.message);
+    }
+    BundleSolverReport report;
+    report.initial_cost = summary.initial_cost;
+    report.final_cost = summary.final_cost;
+    report.num_iterations = static_cast<int>(summary.iterations.size()) - 1;
+    report.converged = summary.termination_type == ceres::CONVERGENCE;
+    report.linear_solver = ceres::LinearSolverTypeToString(summary.linear_solver_type_used);
+    report.message = summary.message;
+    return report;
+  }
+
+  double Cost() {
+    double cost = 0.0;
+    ceres::Problem::EvaluateOptions evaluate;
+    if (!problem_.Evaluate(evaluate, &cost, nullptr, nullptr, nullptr)) {
+      return std::numeric_limits<double>::infinity();
+    }
+    return cost;
+  }
+
+ private:
+  static ceres::Problem::Options ProblemOptions() {
+    ceres::Problem::Options options;
+    options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return options;
+  }
+
+  void AddObservations() {
+    for (const BundleObservation& o : bundle_.observations) {
+      Camera& camera = CameraOfPose(o.pose);
+      reprojections_.emplace_back(camera.model, o.pixel, options_.sigma_px);
+      problem_.AddResidualBlock(&reprojections_.back(), &reprojection_loss_, Pose(o.pose),
+                                bundle_.points[o.point].data(), camera.params.data());
+      used_poses_.insert(o.pose);
+      problem_.SetParameterBlockConstant(camera.params.data());
+    }
+    for (const int i : used_poses_) {
+      problem_.SetManifold(Pose(i), &pose_manifold_);
+      if (bundle_.pose_is_constant[i] != 0) problem_.SetParameterBlockConstant(Pose(i));
+    }
+  }
+
+  void AddPlanes() {
+    if (bundle_.points_on_planes.empty()) return;
+    for (const PointOnPlane& term : bundle_.points_on_planes) {
+      double* point = bundle_.points[term.point].data();
+      if (!problem_.HasParameterBlock(point)) continue;
+      AnchoredPlane& plane = bundle_.planes[term.plane];
+      if (bundle_.planes_are_constant) {
+        const Plane fixed = plane.PlaneInWorld();
+        Eigen::Vector4d coefficients;
+        coefficients << fixed.normal, fixed.offset;
+        fixed_planes_.emplace_back(coefficients, term.sigma);
+        problem_.AddResidualBlock(&fixed_planes_.back(), &plane_loss_, point);
+      } else {
+        point_planes_.emplace_back(plane.anchor_in_world, term.sigma);
+        problem_.AddResidualBlock(&point_planes_.back(), &plane_loss_, point, UsePlane(term.plane));
+      }
+    }
+    if (!bundle_.planes_are_constant) AddRelations();
+  }
+
+  void AddRelations() {
+    for (const RelationTerm& term : bundle_.relations) {
+      double* a = UsePlane(term.plane_a);
+      double* b = UsePlane(term.plane_b);
+      if (term.relation == PlaneRelation::kOrthogonal) {
+        AddRelation(std::make_unique<OrthogonalPlanesCost>(term.sigma_rad), a, b);
+        continue;
+      }
+      AddRelation(std::make_unique<ParallelPlanesCost>(term.sigma_rad), a, b);
+      if (term.relation == PlaneRelation::kCoplanar) {
+        AddRelation(std::make_unique<CoplanarOffsetCost>(
+                        bundle_.planes[term.plane_a].anchor_in_world,
+                        bundle_.planes[term.plane_b].anchor_in_world, term.sigma_offset),
+                    a, b);
+      }
+    }
+  }
+
+  void AddRelation(std::unique_ptr<ceres::CostFunction> cost, double* a, double* b) {
+    problem_.AddResidualBlock(cost.get(), &plane_loss_, a, b);
+    others_.push_back(std::move(cost));
+  }
+
+  void AddHeights() {
+    for (const HeightTerm& term : bundle_.heights) {
+      if (!used_poses_.contains(term.pose)) continue;
+      others_.push_back(std::make_unique<CameraHeightCost>(
+          bundle_.planes[term.plane].anchor_in_world, term.sigma_relative));
+      problem_.AddResidualBlock(others_.back().get(), &plane_loss_, Pose(term.pose),
+                                UsePlane(term.plane), &bundle_.height);
+    }
+  }
+
+  double* UsePlane(int index) {
+    double* block = bundle_.planes[index].parameters.data();
+    if (!problem_.HasParameterBlock(block)) {
+      problem_.AddParameterBlock(block, 4, &plane_manifold_);
+      if (bundle_.planes_are_constant) problem_.SetParameterBlockConstant(block);
+    }
+    return block;
+  }
+
+  void HoldGauge() {
+    const Gauge& gauge = bundle_.gauge;
+    if (gauge.fixed_pose < 0 || !used_poses_.contains(gauge.fixed_pose)) return;
+    problem_.SetParameterBlockConstant(Pose(gauge.fixed_pose));
+    if (gauge.scale_pose < 0 || !used_poses_.contains(gauge.scale_pose)) return;
+    scale_manifold_ = std::make_unique<HeldDistancePoseManifold>(
+        FromPoseBlock(Pose(gauge.fixed_pose)).CenterInB());
+    problem_.SetManifold(Pose(gauge.scale_pose), scale_manifold_.get());
+  }
+
+  [[nodiscard]] ceres::LinearSolverType ChooseLinearSolver() const {
+    switch (options_.linear_solver) {
+      case LinearSolver::kDenseSchur:
+        return ceres::DENSE_SCHUR;
+      case LinearSolver::kSparseSchur:
+        return ceres::SPARSE_SCHUR;
+      case LinearSolver::kIterativeSchur:
+        return ceres::ITERATIVE_SCHUR;
+      case LinearSolver::kAuto:
+        break;
+    }
+    const int rows = 6 * static_cast<int>(used_poses_.size());
+    if (rows <= kMaxDenseRows) return ceres::DENSE_SCHUR;
+    return rows <= kMaxSparseRows ? ceres::SPARSE_SCHUR : ceres::ITERATIVE_SCHUR;
+  }
+
+  ceres::Solver::Options SolverOptions() {
+    ceres::Solver::Options options;
+    options.linear_solver_type = ChooseLinearSolver();
+    if (options.linear_solver_type == ceres::ITERATIVE_SCHUR) {
+      options.preconditioner_type = ceres::SCHUR_JACOBI;
+    }
+    options.num_threads = 1;
+    options.max_num_iterations = options_.max_iterations;
+    options.function_tolerance = options_.function_tolerance;
+    options.gradient_tolerance = 0.0;
+    options.parameter_tolerance = 1e-10;
+    options.max_num_consecutive_invalid_steps = kMaxRefusedSteps;
+    options.logging_type = ceres::SILENT;
+    options.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+    std::vector<double*> blocks;
+    problem_.GetParameterBlocks(&blocks);
+    for (double* block : blocks) {
+      options.linear_solver_ordering->AddElementToGroup(block, IsPoint(block) ? 0 : 1);
+    }
+    return options;
+  }
+
+  [[nodiscard]] bool IsPoint(const double* block) const {
+    const double* begin = bundle_.points.front().data();
+    return !std::less<>()(block, begin) && std::less<>()(block, begin + 3 * bundle_.points.size());
+  }
+
+  double* Pose(int index) { return bundle_.poses[index].data(); }
+  Camera& CameraOfPose(int index) { return bundle_.cameras[bundle_.camera_of_pose[index]]; }
+
+  const BundleSolverOptions& options_;
+  BundleProblem& bundle_;
+  ceres::HuberLoss reprojection_loss_;
+  ceres::HuberLoss plane_loss_;
+  PoseManifold pose_manifold_;
+  AnchoredPlaneManifold plane_manifold_;
+  std::unique_ptr<HeldDistancePoseManifold> scale_manifold_;
+  std::deque<ReprojectionCost> reprojections_;
+  std::deque<PointFixedPlaneCost> fixed_planes_;
+  std::deque<PointPlaneCost> point_planes_;
+  std::vector<std::unique_ptr<ceres::CostFunction>> others_;
+  std::set<int> used_poses_;
+  ceres::Problem problem_;  // Last: it refers to all of the above.
+};
+
+}  // namespace
+
+void BundleSolverOptions::Visit(OptionVisitor& v) {
+  v.Value("sigma_px", sigma_px, "standard deviation of a keypoint [px]", 1e-6, 1e6);
+  v.Value("huber_reprojection", huber_reprojection,
+          "Huber's threshold of reprojection residuals [sigma]", 1e-6, 1e6);
+  v.Value("huber_plane", huber_plane, "Huber's threshold of all plane residuals [sigma]", 1e-6,
+          1e6);
+  v.Value("max_iterations", max_iterations, "most Levenberg-Marquardt iterations per solve", 1,
+          100000);
+  v.Value("function_tolerance", function_tolerance,
+          "a solve ends when the cost falls by less than this part of it", 0.0, 1.0);
+  v.Choice("linear_solver", linear_solver, kLinearSolverNames,
+           "how the reduced camera system is solved; auto goes by its size");
+}
+
+BundleSolverReport SolveBundle(const BundleSolverOptions& options, BundleProblem& problem) {
+  S3LAM_CHECK(problem.poses.size() == problem.camera_of_pose.size());
+  S3LAM_CHECK(problem.poses.size() == problem.pose_is_constant.size());
+  if (problem.observations.empty()) {
+    BundleSolverReport report;
+    report.converged = true;
+    report.message = "no observations";
+    return report;
+  }
+  return CeresBundle(options, problem).Solve();
+}
+
+double BundleCost(const BundleSolverOptions& options, const BundleProblem& problem) {
+  BundleProblem copy = problem;
+  return copy.observations.empty() ? 0.0 : CeresBundle(options, copy).Cost();
+}
+
+}  // namespace s3lam

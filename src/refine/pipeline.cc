@@ -1,0 +1,149 @@
+#include "s3lam/refine/pipeline.h"
+
+#include <array>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
+#include "s3lam/refine/frames.h"
+#include "s3lam/refine/plane_output.h"
+
+namespace s3lam::refine {
+namespace {
+
+ArmState Snapshot(const std::string& name, const BundleMap& map) {
+  return {name, map.problem.poses, map.problem.points};
+}
+
+void CheckUsable(const BundleMap& map) {
+  if (map.problem.observations.empty() || map.problem.gauge.scale_pose < 0) {
+    ThrowInputError(
+        "the model cannot be adjusted: of {} images and {} points, no two images at different "
+        "places see common points",
+        map.image_ids.size(), map.point_ids.size());
+  }
+}
+
+std::vector<uint8_t> UsedPoses(const BundleProblem& problem) {
+  std::vector<uint8_t> used(problem.poses.size(), 0);
+  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
+  return used;
+}
+
+/// The refined images as keyframes that carry others along, at the given times.
+std::vector<MovedKeyframe> MovedKeyframes(const Reconstruction& original, const BundleMap& map,
+                                          const std::vector<double>& times) {
+  const std::vector<uint8_t> used = UsedPoses(map.problem);
+  std::vector<MovedKeyframe> moved;
+  for (size_t i = 0; i < map.image_ids.size(); ++i) {
+    if (used[i] == 0) continue;
+    moved.push_back({times[i], original.images.at(map.image_ids[i]).cam_from_world,
+                     FromPoseBlock(map.problem.poses[i].data())});
+  }
+  return moved;
+}
+
+/// Images that see too little to be refined go along with those before and after them by id.
+void CarryUnusedImages(const Reconstruction& original, BundleMap& map) {
+  std::vector<double> order(map.image_ids.size());
+  for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<double>(i);
+  const std::vector<uint8_t> used = UsedPoses(map.problem);
+  const std::vector<MovedKeyframe> keyframes = MovedKeyframes(original, map, order);
+  for (size_t i = 0; i < used.size(); ++i) {
+    if (used[i] != 0) continue;
+    const Rigid3& old_pose = original.images.at(map.image_ids[i]).cam_from_world;
+    const Trajectory carried = CarryFrames({{order[i], old_pose.Inverse()}}, keyframes);
+    map.problem.poses[i] = ToPoseBlock(carried.front().world_from_camera.Inverse());
+  }
+}
+
+void CarryTrajectories(const Input& input, const BundleMap& map, Output& output) {
+  output.frames = input.frames;
+  output.keyframes.clear();
+  if (input.image_times_s.empty()) return;
+  const auto keyframes = MovedKeyframes(input.model, map, input.image_times_s);
+  output.frames = CarryFrames(input.frames, keyframes);
+  size_t i = 0;
+  for (const auto& [id, image] : output.model.images) {
+    output.keyframes.push_back({input.image_times_s[i++], image.cam_from_world.Inverse()});
+  }
+}
+
+double HeldDistance(const BundleProblem& problem) {
+  return (FromPoseBlock(problem.poses[problem.gauge.scale_pose].data()).CenterInB() -
+          FromPoseBlock(problem.poses[problem.gauge.fixed_pose].data()).CenterInB())
+      .norm();
+}
+
+void CountUse(const BundleMap& map, Report& report) {
+  report.num_images = map.image_ids.size();
+  report.num_points = map.point_ids.size();
+  for (const uint8_t used : UsedPoses(map.problem)) report.num_images_in_use += used;
+  int previous = -1;
+  for (const BundleObservation& o : map.problem.observations) {
+    report.num_points_in_use += o.point != previous;
+    previous = o.point;
+  }
+}
+
+std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_t members) {
+  if (options.planes.mode == PlaneMode::kOff) return {};
+  if (planes.planes.empty()) return "no planes given: plain bundle adjustment";
+  if (members == 0) return "no plane has enough points near it: plain bundle adjustment";
+  return {};
+}
+
+}  // namespace
+
+void Options::Visit(OptionVisitor& v) {
+  v.Group("solver", solver, "The bundle adjustment.");
+  v.Group("outliers", outliers, "Observations that are left out.");
+  v.Group("planes", planes, "Planes and the points on them.");
+  v.Group("outer", outer, "Rounds of solving and choosing inliers.");
+}
+
+Report Run(const Options& options, const Input& input, Output& output) {
+  Report report;
+  const double sigma_px = options.solver.sigma_px;
+  BundleMap map;
+  PlaneModel planes;
+  {
+    const ScopedStep step(report.seconds, "build");
+    map = BuildBundleMap(input.model);
+    SelectObservations(options.outliers, sigma_px, true, map);
+    map.problem.gauge = ChooseGauge(map.problem);
+    CheckUsable(map);
+    planes = BuildPlaneModel(options.planes.membership, input.semantics, map);
+  }
+  std::vector<ArmState> arms{Snapshot("input", map)};
+  const double held_distance = HeldDistance(map.problem);
+  {
+    const ScopedStep step(report.seconds, "plain");
+    report.iterations = AdjustPlain(options, map);
+    arms.push_back(Snapshot("plain", map));
+  }
+  {
+    const ScopedStep step(report.seconds, "planar");
+    const auto planar = AdjustPlanar(options, planes, map);
+    report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
+    if (!planar.empty()) arms.push_back(Snapshot("planar", map));
+  }
+  const ScopedStep step(report.seconds, "output");
+  report.gauge_scale_change = HeldDistance(map.problem) / held_distance - 1.0;
+  report.observations = report.iterations.back().observations;
+  report.membership = report.iterations.back().membership;
+  report.median_depth = planes.median_depth;
+  report.note = NoteOnPlanes(options, planes, report.membership.members);
+  report.plane_mode = PlaneModeName(options.planes.mode);
+  CountUse(map, report);
+  CompareArms(arms, map, planes, options.planes.sigma, sigma_px, input.semantics.class_table,
+              report);
+  CarryUnusedImages(input.model, map);
+  output.model = ToReconstruction(map, input.model);
+  output.semantics =
+      RefinedSemantics(input.semantics, planes, map, output.model, options.planes.sigma, sigma_px);
+  CarryTrajectories(input, map, output);
+  report.peak_memory_mib = PeakMemoryMiB();
+  return report;
+}
+
+}  // namespace s3lam::refine

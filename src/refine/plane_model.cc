@@ -1,0 +1,297 @@
+#include "s3lam/refine/plane_model.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+
+#include "s3lam/robust/plane_fit.h"
+
+namespace s3lam {
+namespace {
+
+constexpr std::array<std::string_view, 3> kSigmaKindNames{"pixel", "relative_depth", "metric"};
+constexpr double kMedianOfAbsoluteUnitNormal = 0.6744897501960817;
+constexpr double kHuberPlane = 1.96;
+
+double Distance(const BundleProblem& problem, int plane, int point) {
+  const AnchoredPlane& p = problem.planes[plane];
+  return p.parameters.head<3>().dot(problem.points[point] - p.anchor_in_world) + p.parameters[3];
+}
+
+/// Variance of a point's triangulation along its plane's normal.
+double NormalVariance(const PlaneModel& model, const BundleProblem& problem, int plane, int point) {
+  const Eigen::Vector3d normal = problem.planes[plane].parameters.head<3>();
+  return std::max(0.0, normal.dot(model.covariances[point] * normal));
+}
+
+/// Box of a plane's inliers along its in-plane axes.
+struct Extent {
+  Eigen::Vector3d centroid, u, v;
+  Eigen::Vector2d low, high;
+
+  [[nodiscard]] bool Contains(const Eigen::Vector3d& x) const {
+    const Eigen::Vector2d uv(u.dot(x - centroid), v.dot(x - centroid));
+    return (uv.array() >= low.array()).all() && (uv.array() <= high.array()).all();
+  }
+};
+
+Extent ExtentOfInliers(const PlanarSurface& surface, const std::vector<int>& inliers,
+                       const BundleProblem& problem, double margin) {
+  const auto [u, v] = PlaneAxes(surface.plane_in_world.normal);
+  Extent extent{Eigen::Vector3d::Zero(), u, v, Eigen::Vector2d::Zero(), Eigen::Vector2d::Zero()};
+  for (const int i : inliers) {
+    extent.centroid += problem.points[i] / static_cast<double>(inliers.size());
+  }
+  for (const int i : inliers) {
+    const Eigen::Vector3d arm = problem.points[i] - extent.centroid;
+    const Eigen::Vector2d uv(u.dot(arm), v.dot(arm));
+    extent.low = extent.low.cwiseMin(uv);
+    extent.high = extent.high.cwiseMax(uv);
+  }
+  const Eigen::Vector2d grow = margin * (extent.high - extent.low);
+  extent.low -= grow;
+  extent.high += grow;
+  return extent;
+}
+
+std::vector<int> IndicesOf(const std::vector<PointId>& ids, const BundleMap& map) {
+  std::vector<int> indices;
+  for (const PointId id : ids) {
+    const int index = map.IndexOfPoint(id);
+    if (index >= 0) indices.push_back(index);
+  }
+  std::sort(indices.begin(), indices.end());
+  indices.erase(std::unique(indices.begin(), indices.end()), indices.end());
+  return indices;
+}
+
+/// Gives every point that is in a cluster but no plane's inlier to the nearest plane of the cluster
+/// whose extent it is within.
+void AddNearbyPoints(const SemanticMap& semantics, const BundleMap& map,
+                     const std::vector<Extent>& extents, PlaneModel& model) {
+  std::vector<uint8_t> taken(map.point_ids.size(), 0);
+  std::map<ClusterId, std::vector<int>> planes_of_cluster;
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    planes_of_cluster[model.planes[k].cluster_id].push_back(static_cast<int>(k));
+    for (const int i : model.planes[k].candidates) taken[i] = 1;
+  }
+  for (const auto& [cluster_id, planes] : planes_of_cluster) {
+    for (const int i : IndicesOf(semantics.clusters.at(cluster_id).points, map)) {
+      if (taken[i] != 0) continue;
+      int nearest = -1;
+      for (const int k : planes) {
+        if (!extents[k].Contains(map.problem.points[i])) continue;
+        if (nearest < 0 ||
+            std::abs(Distance(map.problem, k, i)) < std::abs(Distance(map.problem, nearest, i))) {
+          nearest = k;
+        }
+      }
+      if (nearest >= 0) model.planes[nearest].candidates.push_back(i);
+    }
+  }
+  for (PlaneState& plane : model.planes) {
+    std::sort(plane.candidates.begin(), plane.candidates.end());
+  }
+}
+
+/// The unbiased (free) distance of a point in sigmas of its prediction. A member was pulled towards
+/// its plane by sigma^2 / (s^2 w + sigma^2), with s from triangulation and w Huber's weight.
+double Innovation(double distance, double triangulation_variance, double sigma, bool is_member) {
+  const double variance = sigma * sigma;
+  double free_distance = std::abs(distance);
+  if (is_member) {
+    const double weight = std::min(1.0, kHuberPlane * sigma / std::max(free_distance, 1e-300));
+    free_distance *= (triangulation_variance * weight + variance) / variance;
+  }
+  return free_distance / std::sqrt(triangulation_variance + variance);
+}
+
+}  // namespace
+
+void PlaneSigmaOptions::Visit(OptionVisitor& v) {
+  v.Choice("kind", kind, kSigmaKindNames,
+           "sigma of a point-plane distance: kappa x sigma_px x depth / f with kappa measured per "
+           "class, alpha x median depth, or metres");
+  v.Value("min_kappa", min_kappa, "least kappa of a class (kind pixel)", 1e-6, 1e6);
+  v.Value("alpha", alpha, "part of the map's median depth (kind relative_depth)", 1e-9, 1e3);
+  v.Value("metres", metres, "sigma (kind metric) [m]", 1e-9, 1e3);
+  v.Value("metres_per_unit", metres_per_unit, "length of a map unit (kind metric) [m]", 1e-9, 1e9);
+}
+
+void MembershipOptions::Visit(OptionVisitor& v) {
+  v.Value("max_sigma", max_sigma,
+          "points farther from their plane have no term (1.96: 95 % of chi-squared with 1 dof)",
+          0.1, 1e6);
+  v.Value("leave_sigma", leave_sigma, "points farther from their plane leave it for good", 0.1,
+          1e6);
+  v.Value("extent_margin", extent_margin,
+          "points of a cluster may join a plane within its extent grown by this part", 0.0, 100.0);
+  v.Value("min_points", min_points, "a plane with fewer points is not used", 3, 1000000);
+}
+
+PlaneModel BuildPlaneModel(const MembershipOptions& options, const SemanticMap& semantics,
+                           BundleMap& map) {
+  PlaneModel model;
+  std::vector<Extent> extents;
+  for (const auto& [id, surface] : semantics.planes) {
+    PlaneState plane;
+    plane.id = id;
+    plane.cluster_id = surface.cluster_id;
+    plane.class_index = surface.class_index;
+    plane.candidates = IndicesOf(surface.inliers, map);
+    if (static_cast<int>(plane.candidates.size()) < options.min_points) continue;
+    extents.push_back(
+        ExtentOfInliers(surface, plane.candidates, map.problem, options.extent_margin));
+    map.problem.planes.push_back(
+        AnchoredPlane::FromPlane(surface.plane_in_world, extents.back().centroid));
+    model.planes.push_back(std::move(plane));
+  }
+  AddNearbyPoints(semantics, map, extents, model);
+  model.kappa_of_class.assign(static_cast<size_t>(semantics.class_table.size()), 0.0);
+  return model;
+}
+
+void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel& model) {
+  model.pixel_size = PixelSizes(problem);
+  model.covariances = TriangulationCovariances(problem, sigma_px);
+  std::vector<double> depths;
+  for (const BundleObservation& o : problem.observations) {
+    const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
+    depths.push_back(model.pixel_size[o.point] * camera.MeanFocal());
+  }
+  if (depths.empty()) return;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  model.median_depth = *middle;
+}
+
+void EstimateKappa(const PlaneSigmaOptions& options, const BundleProblem& problem, double sigma_px,
+                   PlaneModel& model) {
+  struct Sample {
+    double squared_distance, triangulation_variance, squared_unit;
+  };
+  std::vector<std::vector<Sample>> samples(model.kappa_of_class.size());
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    for (const int i : model.planes[k].candidates) {
+      if (!(model.pixel_size[i] > 0.0)) continue;
+      const double distance = Distance(problem, static_cast<int>(k), i);
+      const double unit = sigma_px * model.pixel_size[i];
+      samples[model.planes[k].class_index].push_back(
+          {distance * distance, NormalVariance(model, problem, static_cast<int>(k), i),
+           unit * unit});
+    }
+  }
+  const auto median_sigmas = [](const std::vector<Sample>& of_class, double kappa) {
+    std::vector<double> sigmas;
+    for (const Sample& s : of_class) {
+      sigmas.push_back(std::sqrt(s.squared_distance /
+                                 (s.triangulation_variance + kappa * kappa * s.squared_unit)));
+    }
+    const auto middle = sigmas.begin() + static_cast<std::ptrdiff_t>(sigmas.size() / 2);
+    std::nth_element(sigmas.begin(), middle, sigmas.end());
+    return *middle;
+  };
+  for (size_t c = 0; c < samples.size(); ++c) {
+    if (samples[c].empty()) continue;
+    double low = options.min_kappa;
+    model.kappa_of_class[c] = low;
+    if (median_sigmas(samples[c], low) <= kMedianOfAbsoluteUnitNormal) continue;
+    double high = low;
+    do {
+      high *= 2.0;
+    } while (median_sigmas(samples[c], high) > kMedianOfAbsoluteUnitNormal && high < 1e9);
+    for (int step = 0; step < 30; ++step) {
+      const double middle = 0.5 * (low + high);
+      (median_sigmas(samples[c], middle) > kMedianOfAbsoluteUnitNormal ? low : high) = middle;
+    }
+    model.kappa_of_class[c] = high;
+  }
+  for (PlaneState& plane : model.planes) plane.kappa = model.kappa_of_class[plane.class_index];
+}
+
+double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
+                  const PlaneState& plane, int point) {
+  switch (options.kind) {
+    case PlaneSigmaKind::kRelativeDepth:
+      return options.alpha * model.median_depth;
+    case PlaneSigmaKind::kMetric:
+      return options.metres / options.metres_per_unit;
+    case PlaneSigmaKind::kPixel:
+      break;
+  }
+  return plane.kappa * sigma_px * model.pixel_size[point];
+}
+
+void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& model,
+                 BundleProblem& problem) {
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    const PlaneState& state = model.planes[k];
+    if (!state.in_use) continue;
+    std::vector<UncertainPoint> points;
+    std::vector<size_t> all;
+    for (const int i : state.members.empty() ? state.candidates : state.members) {
+      if (!(model.pixel_size[i] > 0.0)) continue;
+      const double sigma = PlaneSigma(options, model, sigma_px, state, i);
+      all.push_back(points.size());
+      points.push_back(
+          {problem.points[i], model.covariances[i] + sigma * sigma * Eigen::Matrix3d::Identity()});
+    }
+    const auto fit = FitPlane(points, all);
+    if (!fit) continue;
+    AnchoredPlane& plane = problem.planes[k];
+    Plane fitted = fit->plane;
+    if (fitted.normal.dot(plane.parameters.head<3>()) < 0.0) {
+      fitted = {-fitted.normal, -fitted.offset};
+    }
+    plane = AnchoredPlane::FromPlane(fitted, plane.anchor_in_world);
+  }
+}
+
+MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,
+                              double sigma_px, PlaneModel& model, BundleProblem& problem) {
+  MembershipCounts counts;
+  problem.points_on_planes.clear();
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    PlaneState& state = model.planes[k];
+    if (!state.in_use) continue;
+    std::vector<int> members;
+    std::vector<int> kept;
+    for (const int i : state.candidates) {
+      const bool was_member = std::binary_search(state.members.begin(), state.members.end(), i);
+      bool is_member = false;
+      if (model.pixel_size[i] > 0.0) {
+        const int plane = static_cast<int>(k);
+        const double innovation =
+            Innovation(Distance(problem, plane, i), NormalVariance(model, problem, plane, i),
+                       PlaneSigma(sigma, model, sigma_px, state, i), was_member);
+        is_member = innovation <= options.max_sigma;
+        counts.outliers += !is_member;
+        if (innovation > options.leave_sigma) {
+          ++counts.expelled;
+          counts.changed += was_member;
+          continue;
+        }
+      }
+      kept.push_back(i);
+      counts.changed += is_member != was_member;
+      if (is_member) members.push_back(i);
+    }
+    state.in_use = static_cast<int>(members.size()) >= options.min_points;
+    if (!state.in_use) members.clear();
+    state.candidates = std::move(kept);
+    state.members = std::move(members);
+    counts.members += state.members.size();
+    for (const int i : state.members) {
+      problem.points_on_planes.push_back(
+          {i, static_cast<int>(k), PlaneSigma(sigma, model, sigma_px, state, i)});
+    }
+  }
+  std::sort(problem.points_on_planes.begin(), problem.points_on_planes.end(),
+            [](const PointOnPlane& a, const PointOnPlane& b) {
+              return std::pair(a.point, a.plane) < std::pair(b.point, b.plane);
+            });
+  return counts;
+}
+
+}  // namespace s3lam

@@ -1,0 +1,237 @@
+#include "s3lam/refine/problem_builder.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <map>
+
+#include "s3lam/base/error.h"
+#include "s3lam/refine/projection.h"
+
+namespace s3lam {
+namespace {
+
+double MedianOf(std::vector<double>& values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+std::vector<Rigid3> PosesOf(const BundleProblem& problem) {
+  std::vector<Rigid3> poses;
+  poses.reserve(problem.poses.size());
+  for (const PoseBlock& pose : problem.poses) poses.push_back(FromPoseBlock(pose.data()));
+  return poses;
+}
+
+/// Leaves out observations of points and images that have too few, until none is left to remove.
+size_t RemoveUnderdetermined(int min_image_observations, const BundleMap& map,
+                             std::vector<uint8_t>& use) {
+  size_t removed = 0;
+  std::vector<int> of_image(map.image_ids.size(), 0);
+  for (size_t k = 0; k < use.size(); ++k) of_image[map.observations[k].pose] += use[k];
+  bool again = true;
+  while (again) {
+    again = false;
+    for (size_t begin = 0, end = 0; begin < use.size(); begin = end) {
+      const int point = map.observations[begin].point;
+      int first_pose = -1;
+      bool two_images = false;
+      for (end = begin; end < use.size() && map.observations[end].point == point; ++end) {
+        const int pose = map.observations[end].pose;
+        if (use[end] != 0 && of_image[pose] < min_image_observations) {
+          use[end] = 0;
+          ++removed;
+        }
+        if (use[end] == 0) continue;
+        two_images |= first_pose >= 0 && pose != first_pose;
+        first_pose = pose;
+      }
+      if (two_images || first_pose < 0) continue;
+      for (size_t k = begin; k < end; ++k) {
+        if (use[k] == 0) continue;
+        use[k] = 0;
+        ++removed;
+        // An image may fall below its minimum by this.
+        again |= --of_image[map.observations[k].pose] == min_image_observations - 1;
+      }
+    }
+  }
+  return removed;
+}
+
+}  // namespace
+
+void OutlierOptions::Visit(OptionVisitor& v) {
+  v.Value("max_reprojection_sigma", max_reprojection_sigma,
+          "observations with a larger reprojection error after a solve are left out [sigma]", 1.0,
+          1e9);
+  v.Value("min_depth_ratio", min_depth_ratio,
+          "observations nearer than this part of the map's median depth are left out", 0.0, 1.0);
+  v.Value("min_image_observations", min_image_observations,
+          "images that see fewer points are carried along with their neighbours", 3, 1000000);
+}
+
+int BundleMap::IndexOfPoint(PointId id) const {
+  const auto it = std::lower_bound(point_ids.begin(), point_ids.end(), id);
+  return it != point_ids.end() && *it == id ? static_cast<int>(it - point_ids.begin()) : -1;
+}
+
+BundleMap BuildBundleMap(const Reconstruction& reconstruction) {
+  BundleMap map;
+  std::map<CameraId, int> camera_index;
+  for (const auto& [id, camera] : reconstruction.cameras) {
+    camera_index[id] = static_cast<int>(map.problem.cameras.size());
+    map.problem.cameras.push_back(camera);
+  }
+  std::map<ImageId, int> image_index;
+  for (const auto& [id, image] : reconstruction.images) {
+    image_index[id] = static_cast<int>(map.image_ids.size());
+    map.image_ids.push_back(id);
+    map.problem.poses.push_back(ToPoseBlock(image.cam_from_world));
+    map.problem.camera_of_pose.push_back(camera_index.at(image.camera_id));
+  }
+  map.problem.pose_is_constant.assign(map.image_ids.size(), 0);
+  for (const auto& [id, point] : reconstruction.points) {
+    const int index = static_cast<int>(map.point_ids.size());
+    map.point_ids.push_back(id);
+    map.problem.points.push_back(point.xyz);
+    std::vector<TrackElement> track = point.track;
+    std::sort(track.begin(), track.end());
+    for (const TrackElement& element : track) {
+      const Image& image = reconstruction.images.at(element.image_id);
+      map.elements.push_back(element);
+      map.observations.push_back(
+          {image_index.at(element.image_id), index, image.points2D[element.point2D_index].xy});
+    }
+  }
+  map.is_used.assign(map.observations.size(), 0);
+  return map;
+}
+
+ObservationCounts SelectObservations(const OutlierOptions& options, double sigma_px,
+                                     bool keep_large_errors, BundleMap& map) {
+  BundleProblem& problem = map.problem;
+  const std::vector<Rigid3> poses = PosesOf(problem);
+  ObservationCounts counts;
+  counts.total = map.observations.size();
+  std::vector<Eigen::Vector3d> in_camera(counts.total);
+  std::vector<double> depths;
+  for (size_t k = 0; k < counts.total; ++k) {
+    const BundleObservation& o = map.observations[k];
+    in_camera[k] = poses[o.pose] * problem.points[o.point];
+    if (in_camera[k].z() > 0.0) depths.push_back(in_camera[k].z());
+  }
+  const double min_depth = options.min_depth_ratio * MedianOf(depths);
+  std::vector<uint8_t> use(counts.total, 0);
+  for (size_t k = 0; k < counts.total; ++k) {
+    const BundleObservation& o = map.observations[k];
+    const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
+    Eigen::Vector2d pixel;
+    if (in_camera[k].z() < min_depth ||
+        !ProjectPoint(camera.model, camera.params.data(), in_camera[k], &pixel, nullptr)) {
+      ++counts.behind;
+    } else if (!keep_large_errors &&
+               (pixel - o.pixel).norm() > options.max_reprojection_sigma * sigma_px) {
+      ++counts.outliers;
+    } else {
+      use[k] = 1;
+    }
+  }
+  counts.too_few = RemoveUnderdetermined(options.min_image_observations, map, use);
+  problem.observations.clear();
+  for (size_t k = 0; k < counts.total; ++k) {
+    counts.changed += use[k] != map.is_used[k];
+    if (use[k] != 0) problem.observations.push_back(map.observations[k]);
+  }
+  counts.used = problem.observations.size();
+  map.is_used = std::move(use);
+  return counts;
+}
+
+Gauge ChooseGauge(const BundleProblem& problem) {
+  std::vector<uint8_t> used(problem.poses.size(), 0);
+  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
+  Gauge gauge;
+  Eigen::Vector3d first_center = Eigen::Vector3d::Zero();
+  double largest = 0.0;
+  for (size_t i = 0; i < problem.poses.size(); ++i) {
+    if (used[i] == 0) continue;
+    const Eigen::Vector3d center = FromPoseBlock(problem.poses[i].data()).CenterInB();
+    if (gauge.fixed_pose < 0) {
+      gauge.fixed_pose = static_cast<int>(i);
+      first_center = center;
+    } else if ((center - first_center).norm() > largest) {
+      gauge.scale_pose = static_cast<int>(i);
+      largest = (center - first_center).norm();
+    }
+  }
+  return gauge;
+}
+
+std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& problem,
+                                                      double sigma_px) {
+  const std::vector<Rigid3> poses = PosesOf(problem);
+  std::vector<Eigen::Matrix3d> covariances(problem.points.size(), Eigen::Matrix3d::Zero());
+  for (const BundleObservation& o : problem.observations) {
+    const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
+    Eigen::Vector2d pixel;
+    Matrix23 by_point;
+    if (!ProjectPoint(camera.model, camera.params.data(), poses[o.pose] * problem.points[o.point],
+                      &pixel, &by_point)) {
+      continue;
+    }
+    const Matrix23 j = by_point * poses[o.pose].rotation.toRotationMatrix() / sigma_px;
+    covariances[o.point].noalias() += j.transpose() * j;
+  }
+  for (Eigen::Matrix3d& matrix : covariances) {
+    if (matrix.isZero(0.0)) continue;
+    // Where the rays are nearly parallel the depth is unknown: the damping keeps it finite.
+    matrix.diagonal().array() += 1e-12 * matrix.trace();
+    matrix = matrix.inverse().eval();
+  }
+  return covariances;
+}
+
+std::vector<double> PixelSizes(const BundleProblem& problem) {
+  const std::vector<Rigid3> poses = PosesOf(problem);
+  std::vector<double> sizes(problem.points.size(), 0.0);
+  std::vector<double> of_point;
+  const auto& observations = problem.observations;
+  for (size_t begin = 0, end = 0; begin < observations.size(); begin = end) {
+    const int point = observations[begin].point;
+    of_point.clear();
+    for (end = begin; end < observations.size() && observations[end].point == point; ++end) {
+      const int pose = observations[end].pose;
+      const Camera& camera = problem.cameras[problem.camera_of_pose[pose]];
+      of_point.push_back((poses[pose] * problem.points[point]).z() / camera.MeanFocal());
+    }
+    sizes[point] = MedianOf(of_point);
+  }
+  return sizes;
+}
+
+Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& original) {
+  Reconstruction result = original;
+  for (size_t i = 0; i < map.image_ids.size(); ++i) {
+    result.images.at(map.image_ids[i]).cam_from_world = FromPoseBlock(map.problem.poses[i].data());
+  }
+  for (size_t j = 0; j < map.point_ids.size(); ++j) {
+    ScenePoint& point = result.points.at(map.point_ids[j]);
+    point.xyz = map.problem.points[j];
+    point.track.clear();
+  }
+  for (size_t k = 0; k < map.observations.size(); ++k) {
+    const TrackElement& element = map.elements[k];
+    if (map.is_used[k] != 0) {
+      result.points.at(map.point_ids[map.observations[k].point]).track.push_back(element);
+    } else {
+      result.images.at(element.image_id).points2D[element.point2D_index].point_id = kInvalidPointId;
+    }
+  }
+  std::erase_if(result.points, [](const auto& entry) { return entry.second.track.empty(); });
+  UpdatePointErrors(result);
+  return result;
+}
+
+}  // namespace s3lam

@@ -1,0 +1,159 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "s3lam/refine/report.h"
+
+namespace s3lam {
+namespace {
+
+using nlohmann::json;
+
+const char* RelationName(PlaneRelation relation) {
+  switch (relation) {
+    case PlaneRelation::kParallel:
+      return "parallel";
+    case PlaneRelation::kOrthogonal:
+      return "orthogonal";
+    case PlaneRelation::kCoplanar:
+      return "coplanar";
+  }
+  return "";
+}
+
+json ToJson(const ArmReport& arm) {
+  return {{"name", arm.name},
+          {"reprojection_rms_px", arm.reprojection_rms_px},
+          {"plane_rms", arm.plane_rms},
+          {"plane_rms_sigma", arm.plane_rms_sigma},
+          {"pose_moved_median", arm.pose_moved_median},
+          {"pose_moved_max", arm.pose_moved_max},
+          {"rotation_moved_max_deg", arm.rotation_moved_max_deg},
+          {"point_moved_median", arm.point_moved_median}};
+}
+
+json ToJson(const OuterIteration& iteration) {
+  return {{"with_planes", iteration.with_planes},
+          {"initial_cost", iteration.solve.initial_cost},
+          {"final_cost", iteration.solve.final_cost},
+          {"steps", iteration.solve.num_iterations},
+          {"converged", iteration.solve.converged},
+          {"linear_solver", iteration.solve.linear_solver},
+          {"observations", iteration.observations.used},
+          {"observation_outliers", iteration.observations.outliers},
+          {"plane_points", iteration.membership.members},
+          {"plane_outliers", iteration.membership.outliers},
+          {"seconds", iteration.seconds}};
+}
+
+json PlanesToJson(const RefineReport& report) {
+  json planes = json::array();
+  for (const PlaneReport& plane : report.planes) {
+    planes.push_back({{"id", plane.id.value()},
+                      {"class", plane.class_name},
+                      {"points", plane.points},
+                      {"kappa", plane.kappa},
+                      {"rms", plane.rms},
+                      {"rms_sigma", plane.rms_sigma},
+                      {"turned_deg", plane.turned_deg}});
+  }
+  return planes;
+}
+
+json PairsToJson(const RefineReport& report) {
+  json pairs = json::array();
+  for (const PlanePairReport& pair : report.pairs) {
+    pairs.push_back({{"a", pair.a.value()},
+                     {"b", pair.b.value()},
+                     {"relation", RelationName(pair.relation)},
+                     {"enforced", pair.enforced},
+                     {"deviation_deg", pair.deviation_deg}});
+  }
+  return pairs;
+}
+
+/// Median over the pairs of one kind of the deviation in one arm; negative without pairs.
+double MedianDeviation(const RefineReport& report, PlaneRelation relation, size_t arm) {
+  std::vector<double> values;
+  for (const PlanePairReport& pair : report.pairs) {
+    if (pair.relation == relation) values.push_back(pair.deviation_deg[arm]);
+  }
+  if (values.empty()) return -1.0;
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+template <typename Function>
+std::string Row(const std::string& name, size_t columns, Function&& value) {
+  std::string row = fmt::format("  {:<34}", name);
+  for (size_t i = 0; i < columns; ++i) row += fmt::format("{:>12.4g}", value(i));
+  return row + '\n';
+}
+
+}  // namespace
+
+json ToJson(const RefineReport& report) {
+  json arms = json::array();
+  for (const ArmReport& arm : report.arms) arms.push_back(ToJson(arm));
+  json iterations = json::array();
+  for (const OuterIteration& iteration : report.iterations) iterations.push_back(ToJson(iteration));
+  return {{"images", report.num_images},
+          {"images_in_use", report.num_images_in_use},
+          {"points", report.num_points},
+          {"points_in_use", report.num_points_in_use},
+          {"observations",
+           {{"total", report.observations.total},
+            {"used", report.observations.used},
+            {"outliers", report.observations.outliers},
+            {"behind", report.observations.behind},
+            {"too_few", report.observations.too_few}}},
+          {"plane_points",
+           {{"on_planes", report.membership.members}, {"outliers", report.membership.outliers}}},
+          {"plane_mode", report.plane_mode},
+          {"note", report.note},
+          {"median_depth", report.median_depth},
+          {"gauge_scale_change", report.gauge_scale_change},
+          {"arms", arms},
+          {"planes", PlanesToJson(report)},
+          {"plane_pairs", PairsToJson(report)},
+          {"iterations", iterations},
+          {"seconds", report.seconds},
+          {"peak_memory_mib", report.peak_memory_mib}};
+}
+
+std::string ToTable(const RefineReport& report) {
+  std::string text = fmt::format(
+      "images {} ({} refined)   points {} ({} in use)   observations {} ({} in use, {} outliers, "
+      "{} "
+      "behind)\nplanes {} with {} points   mode {}{}\n\n",
+      report.num_images, report.num_images_in_use, report.num_points, report.num_points_in_use,
+      report.observations.total, report.observations.used, report.observations.outliers,
+      report.observations.behind, report.planes.size(), report.membership.members,
+      report.plane_mode, report.note.empty() ? "" : " (" + report.note + ")");
+  const auto& arms = report.arms;
+  text += fmt::format("  {:<34}", "");
+  for (const ArmReport& arm : arms) text += fmt::format("{:>12}", arm.name);
+  text += '\n';
+  const size_t n = arms.size();
+  text += Row("reprojection RMS [px]", n, [&](size_t i) { return arms[i].reprojection_rms_px; });
+  if (!report.planes.empty()) {
+    text += Row("plane RMS [map units]", n, [&](size_t i) { return arms[i].plane_rms; });
+    text += Row("plane RMS [sigma]", n, [&](size_t i) { return arms[i].plane_rms_sigma; });
+  }
+  for (const auto& [relation, name] :
+       {std::pair(PlaneRelation::kParallel, "parallel planes, off by [deg]"),
+        std::pair(PlaneRelation::kOrthogonal, "orthogonal planes, off by [deg]")}) {
+    if (n == 0 || MedianDeviation(report, relation, 0) < 0.0) continue;
+    text += Row(name, n, [&, r = relation](size_t i) { return MedianDeviation(report, r, i); });
+  }
+  text += Row("cameras moved, median [map units]", n,
+              [&](size_t i) { return arms[i].pose_moved_median; });
+  text +=
+      Row("cameras moved, max [map units]", n, [&](size_t i) { return arms[i].pose_moved_max; });
+  double total = 0.0;
+  for (const auto& [step, seconds] : report.seconds) total += seconds;
+  text += fmt::format("\ntime {:.2f} s   peak memory {:.0f} MiB\n", total, report.peak_memory_mib);
+  return text;
+}
+
+}  // namespace s3lam

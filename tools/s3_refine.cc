@@ -1,0 +1,127 @@
+#include <filesystem>
+#include <optional>
+
+#include "common/program.h"
+#include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
+#include "s3lam/base/output_directory.h"
+#include "s3lam/base/timer.h"
+#include "s3lam/io/colmap_model.h"
+#include "s3lam/io/file.h"
+#include "s3lam/io/semantic_map_io.h"
+#include "s3lam/io/trajectory.h"
+#include "s3lam/refine/pipeline.h"
+#include "s3lam/refine/plane_output.h"
+
+namespace s3lam::tools {
+namespace {
+
+namespace fs = std::filesystem;
+namespace po = boost::program_options;
+
+constexpr const char* kDescription =
+    "Refines a COLMAP model by bundle adjustment with the planes of its semantic map.\n\n"
+    "Reads  --model      cameras, images, points3D (.bin or .txt); keyframes.txt (TUM, one line "
+    "per\n"
+    "                    image in ascending image id) and frames.txt (poses of all frames), where\n"
+    "                    they are there; descriptors.bin and project.ini are handed on\n"
+    "       --semantics  semantics.json, distributions.npy of that model; an empty folder or none "
+    "at\n"
+    "                    all means bundle adjustment without planes\n"
+    "Writes --output     the refined COLMAP model, keyframes.txt, frames.txt, planes.json,\n"
+    "                    planes.ply, report.json (before and after), config.json";
+
+void ReadTrajectories(const fs::path& model, refine::Input& input) {
+  if (fs::exists(model / "keyframes.txt")) {
+    const Trajectory keyframes = ReadTumTrajectory(model / "keyframes.txt");
+    if (keyframes.size() != input.model.images.size()) {
+      ThrowInputError("{}: {} poses, but the model has {} images",
+                      (model / "keyframes.txt").string(), keyframes.size(),
+                      input.model.images.size());
+    }
+    for (const TimedPose& pose : keyframes) input.image_times_s.push_back(pose.time_s);
+  }
+  if (!fs::exists(model / "frames.txt")) return;
+  if (input.image_times_s.empty()) {
+    ThrowInputError("{}: has frames.txt but no keyframes.txt to tell the images' times",
+                    model.string());
+  }
+  input.frames = ReadTumTrajectory(model / "frames.txt");
+}
+
+SemanticMap ReadSemantics(const fs::path& directory, const Reconstruction& model) {
+  if (directory.empty() || (fs::is_directory(directory) && fs::is_empty(directory))) {
+    spdlog::warn("no semantic map given: bundle adjustment without planes");
+    return {};
+  }
+  SemanticMap semantics = ReadSemanticMap(directory);
+  CheckSemanticMap(semantics, model, directory.string());
+  const std::string fingerprint = FingerprintOfModel(model);
+  if (semantics.model_fingerprint != fingerprint) {
+    ThrowInputError("{}: made from another model (its fingerprint is {}, the model's {})",
+                    directory.string(), semantics.model_fingerprint, fingerprint);
+  }
+  return semantics;
+}
+
+refine::Input ReadInput(const fs::path& model, const fs::path& semantics) {
+  if (!fs::is_directory(model)) ThrowInputError("{}: no such folder", model.string());
+  refine::Input input;
+  input.model = ReadColmapModel(model);
+  ReadTrajectories(model, input);
+  input.semantics = ReadSemantics(semantics, input.model);
+  return input;
+}
+
+void CopyIfPresent(const fs::path& from, const fs::path& to) {
+  if (fs::exists(from)) fs::copy_file(from, to, fs::copy_options::overwrite_existing);
+}
+
+void WriteOutput(const fs::path& model, const refine::Options& options,
+                 const refine::Output& output, const nlohmann::json& report,
+                 const fs::path& directory) {
+  WriteColmapModel(output.model, directory);
+  if (!output.keyframes.empty()) WriteTumTrajectory(output.keyframes, directory / "keyframes.txt");
+  if (!output.frames.empty()) WriteTumTrajectory(output.frames, directory / "frames.txt");
+  WriteJson(directory / "planes.json", PlanesToJson(output.semantics));
+  WritePlanesPly(output.semantics, directory / "planes.ply");
+  CopyIfPresent(model / "descriptors.bin", directory / "descriptors.bin");
+  CopyIfPresent(model / "project.ini", directory / "project.ini");
+  WriteJson(directory / "report.json", report);
+  WriteJson(directory / "config.json", OptionsToJson(options));
+}
+
+void Refine(const po::variables_map& arguments, const CommonArguments& common) {
+  const fs::path model = Required(arguments, "model");
+  const fs::path semantics =
+      arguments.count("semantics") > 0 ? arguments["semantics"].as<std::string>() : "";
+  OutputDirectory directory(Required(arguments, "output"), common.overwrite);
+  const auto options = LoadOptions<refine::Options>(common);
+
+  const Timer timer;
+  const refine::Input input = ReadInput(model, semantics);
+  const double read_s = timer.Seconds();
+  refine::Output output;
+  refine::Report report = refine::Run(options, input, output);
+  report.seconds["read"] = read_s;
+  const nlohmann::json json = ToJson(report);
+  WriteOutput(model, options, output, json, directory.path());
+  directory.Commit();
+  PrintReport(common, ToTable(report), json);
+}
+
+}  // namespace
+}  // namespace s3lam::tools
+
+int main(int argc, char** argv) {
+  using namespace s3lam;
+  namespace po = boost::program_options;
+  tools::Program program{"s3-refine", tools::kDescription, po::options_description("Arguments"), {},
+                         {},          tools::Refine};
+  auto add = program.arguments.add_options();
+  add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model to refine");
+  add("semantics", po::value<std::string>()->value_name("DIR"), "what s3-lift wrote for it");
+  add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
+  tools::SetConfiguration(refine::Options(), program);
+  return tools::RunProgram(argc, argv, program);
+}
