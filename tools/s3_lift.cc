@@ -63,7 +63,7 @@ class MaskSource {
     }
   }
 
-  [[nodiscard]] std::optional<PanopticFrame> operator()(const Image& image) const {
+  [[nodiscard]] std::optional<PanopticFrame> Read(const Image& image) const {
     const auto it = mask_of_image_.find(image.id);
     if (it == mask_of_image_.end()) return std::nullopt;
     return masks_.Read(it->second);
@@ -170,7 +170,8 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(std::move(masks), model);
 
-  const LiftResult result = LiftSemantics(model, table, source, descriptors, options);
+  const LiftResult result = LiftSemantics(
+      model, table, [&](const Image& image) { return source.Read(image); }, descriptors, options);
   const json report = ReportToJson(result.report, table);
   WriteResult(model, result, OptionsToJson(options), report, output.path());
   output.Commit();
