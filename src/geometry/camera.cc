@@ -55,19 +55,25 @@ std::optional<Eigen::Vector2d> Camera::ImageFromCamera(const Eigen::Vector3d& xy
 }
 
 std::optional<Eigen::Vector2d> Camera::CameraFromImage(const Eigen::Vector2d& xy) const {
+  return CameraFromImage(xy,
+                         {(xy.x() - PrincipalX()) / FocalX(), (xy.y() - PrincipalY()) / FocalY()});
+}
+
+std::optional<Eigen::Vector2d> Camera::CameraFromImage(const Eigen::Vector2d& xy,
+                                                       const Eigen::Vector2d& guess) const {
   using Jet = ceres::Jet<double, 2>;
   constexpr int kMaxIterations = 50;
-  constexpr double kTolerancePx = 1e-9;
+  constexpr double kTolerancePx = 1e-8;
   std::array<Jet, 12> p;
   for (size_t i = 0; i < params.size(); ++i) p[i] = Jet(params[i]);
-  Eigen::Vector2d uv((xy.x() - PrincipalX()) / FocalX(), (xy.y() - PrincipalY()) / FocalY());
+  Eigen::Vector2d uv = guess;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     const std::array<Jet, 3> xyz{Jet(uv.x(), 0), Jet(uv.y(), 1), Jet(1.0)};
     std::array<Jet, 2> projected;
     s3lam::ImageFromCamera(model, p.data(), xyz.data(), projected.data());
     const Eigen::Vector2d error(projected[0].a - xy.x(), projected[1].a - xy.y());
     if (!error.allFinite()) return std::nullopt;
-    if (error.norm() < kTolerancePx * MeanFocal() * 1e-2 + kTolerancePx) return uv;
+    if (error.norm() < kTolerancePx) return uv;
     Eigen::Matrix2d jacobian;
     jacobian.row(0) = projected[0].v.transpose();
     jacobian.row(1) = projected[1].v.transpose();

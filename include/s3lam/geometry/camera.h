@@ -63,6 +63,9 @@ struct Camera {
   /// Normalised coordinates (x/z, y/z) of a pixel, by Newton iteration on the distortion; empty if
   /// it does not converge.
   [[nodiscard]] std::optional<Eigen::Vector2d> CameraFromImage(const Eigen::Vector2d& xy) const;
+  /// The same, started from a guess.
+  [[nodiscard]] std::optional<Eigen::Vector2d> CameraFromImage(const Eigen::Vector2d& xy,
+                                                               const Eigen::Vector2d& guess) const;
 
   /// Throws InputError naming `source` unless size and parameters make a usable camera.
   void Check(std::string_view source) const;

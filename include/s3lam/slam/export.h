@@ -1,0 +1,35 @@
+#pragma once
+
+#include <vector>
+
+#include "s3lam/slam/pipeline.h"
+
+namespace s3lam::slam {
+
+/// Localises single frames in a finished map; safe to call from several threads.
+class FrameLocalizer {
+ public:
+  FrameLocalizer(const Tracker& tracker, const Map& map, const std::vector<FrameTrack>& tracks,
+                 const std::vector<int>& keyframe_of_frame);
+
+  /// A keyframe's pose and matches are the map's own; another frame is matched anew, from where it
+  /// was tracked or, if it was not, from where its neighbours in time put it. Not tracked if not
+  /// found.
+  [[nodiscard]] FrameTrack Localize(int frame) const;
+
+ private:
+  [[nodiscard]] FrameTrack FromKeyframe(int keyframe) const;
+  [[nodiscard]] FrameTrack FromNeighbours(int frame) const;
+
+  const Tracker& tracker_;
+  const Map& map_;
+  const std::vector<FrameTrack>& tracks_;
+  const std::vector<int>& keyframe_of_frame_;
+};
+
+/// Fills reconstruction, descriptors, trajectories and report from the finished map. Point and
+/// image ids are counted from 1; colours are sampled in the keyframes.
+void Export(const Input& input, const Map& map, const std::vector<FrameTrack>& localized,
+            Result& result);
+
+}  // namespace s3lam::slam

@@ -1,0 +1,144 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <opencv2/core/mat.hpp>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/geometry/camera.h"
+#include "s3lam/optim/bundle_adjustment.h"
+#include "s3lam/scene/descriptor.h"
+
+namespace s3lam {
+
+/// Number of differing bits.
+inline int HammingDistance(const BinaryDescriptor& a, const BinaryDescriptor& b) {
+  int distance = 0;
+  for (size_t i = 0; i < a.size(); i += sizeof(uint64_t)) {
+    uint64_t x = 0;
+    uint64_t y = 0;
+    std::memcpy(&x, a.data() + i, sizeof(x));
+    std::memcpy(&y, b.data() + i, sizeof(y));
+    distance += std::popcount(x ^ y);
+  }
+  return distance;
+}
+
+struct FeatureOptions {
+  int num_features = 1000;
+  int num_levels = 8;
+  double scale_factor = 1.2;
+  int fast_threshold = 20;
+  int min_fast_threshold = 7;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// One ORB keypoint.
+struct Keypoint {
+  Eigen::Vector2f pixel;        // px in the original image, centre of the first pixel at 0.5
+  Eigen::Vector2f undistorted;  // px in the undistorted camera
+  float angle = 0.0F;           // rad
+  uint8_t level = 0;            // Of the image pyramid, 0 is the full image.
+};
+
+/// Maps pixels of a distorted camera to an undistorted one with the same focal lengths and
+/// principal point. Holds a coarse table of starting values, so that a pixel takes one or two
+/// Newton steps.
+class Undistorter {
+ public:
+  explicit Undistorter(const Camera& camera);
+
+  [[nodiscard]] const PinholeIntrinsics& intrinsics() const { return intrinsics_; }
+  [[nodiscard]] const Camera& camera() const { return camera_; }
+  /// Bounding box of the undistorted image [px].
+  [[nodiscard]] const Eigen::Vector2d& lower() const { return lower_; }
+  [[nodiscard]] const Eigen::Vector2d& upper() const { return upper_; }
+  /// Empty where the distortion cannot be inverted.
+  [[nodiscard]] std::optional<Eigen::Vector2d> Undistort(const Eigen::Vector2d& pixel) const;
+
+ private:
+  [[nodiscard]] size_t TableIndex(int column, int row) const {
+    return static_cast<size_t>(row) * static_cast<size_t>(columns_) + static_cast<size_t>(column);
+  }
+
+  Camera camera_;
+  PinholeIntrinsics intrinsics_;
+  Eigen::Vector2d lower_;
+  Eigen::Vector2d upper_;
+  int columns_ = 0;
+  int rows_ = 0;
+  std::vector<Eigen::Vector2d> table_;  // Normalised coordinates at the corners of the cells.
+};
+
+/// Keypoints of one image, and a grid to find them by place.
+class FrameFeatures {
+ public:
+  FrameFeatures() = default;
+  FrameFeatures(std::vector<Keypoint> keypoints, std::vector<BinaryDescriptor> descriptors,
+                const Undistorter& undistorter);
+
+  [[nodiscard]] int size() const { return static_cast<int>(keypoints_.size()); }
+  [[nodiscard]] const Keypoint& keypoint(int i) const { return keypoints_[i]; }
+  [[nodiscard]] const BinaryDescriptor& descriptor(int i) const { return descriptors_[i]; }
+
+  /// Calls visit(i) for the keypoints whose undistorted position is within `radius` px of `center`
+  /// (a square) and whose level is in [min_level, max_level].
+  template <typename Visitor>
+  void VisitNear(const Eigen::Vector2d& center, double radius, int min_level, int max_level,
+                 Visitor&& visit) const;
+
+ private:
+  static constexpr int kColumns = 64;
+  static constexpr int kRows = 48;
+
+  [[nodiscard]] int Column(double x) const;
+  [[nodiscard]] int Row(double y) const;
+
+  std::vector<Keypoint> keypoints_;
+  std::vector<BinaryDescriptor> descriptors_;
+  Eigen::Vector2f lower_ = Eigen::Vector2f::Zero();
+  Eigen::Vector2f cells_per_px_ = Eigen::Vector2f::Ones();
+  std::vector<uint16_t> cell_begin_;    // One more entry than cells, row-major.
+  std::vector<uint16_t> cell_members_;  // Keypoints by cell.
+};
+
+/// ORB keypoints of an 8-bit gray image, spread evenly over image and scale: FAST corners with a
+/// second, lower threshold where a cell has none, thinned by a quadtree to the strongest of each
+/// node. `mask` (may be empty): keypoints only where it is not zero.
+FrameFeatures ExtractFeatures(const FeatureOptions& options, const Undistorter& undistorter,
+                              const cv::Mat& gray, const cv::Mat& mask = {});
+
+/// Standard deviation of a keypoint's position [px]: one pixel of its pyramid level.
+std::vector<double> LevelSigmas(const FeatureOptions& options);
+
+// ---- implementation of the template ----
+
+template <typename Visitor>
+void FrameFeatures::VisitNear(const Eigen::Vector2d& center, double radius, int min_level,
+                              int max_level, Visitor&& visit) const {
+  if (keypoints_.empty()) return;
+  const int first_column = Column(center.x() - radius);
+  const int last_column = Column(center.x() + radius);
+  const int last_row = Row(center.y() + radius);
+  const auto cx = static_cast<float>(center.x());
+  const auto cy = static_cast<float>(center.y());
+  const auto r = static_cast<float>(radius);
+  for (int row = Row(center.y() - radius); row <= last_row; ++row) {
+    const size_t begin = cell_begin_[static_cast<size_t>(row * kColumns + first_column)];
+    const size_t end = cell_begin_[static_cast<size_t>(row * kColumns + last_column) + 1];
+    for (size_t k = begin; k < end; ++k) {
+      const int i = cell_members_[k];
+      const Keypoint& keypoint = keypoints_[i];
+      if (keypoint.level < min_level || keypoint.level > max_level) continue;
+      if (std::abs(keypoint.undistorted.x() - cx) > r) continue;
+      if (std::abs(keypoint.undistorted.y() - cy) > r) continue;
+      visit(i);
+    }
+  }
+}
+
+}  // namespace s3lam

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "s3lam/slam/features.h"
+
+namespace s3lam {
+
+struct InitializerOptions {
+  int max_start = 120;
+  int start_step = 6;
+  int max_gap = 60;
+  int min_matches = 60;
+  int min_points = 50;
+  double min_parallax_deg = 1.0;
+  double good_parallax_deg = 3.0;
+  int good_points = 150;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// A point seen from both views of an initial pair.
+struct InitialPoint {
+  int keypoint_a = -1;
+  int keypoint_b = -1;
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // In camera a, median depth 1.
+};
+
+/// Two frames from which a map can start.
+struct InitialPair {
+  int frame_a = -1;
+  int frame_b = -1;
+  Rigid3 b_from_a;
+  std::vector<InitialPoint> points;
+  double parallax_deg = 0.0;        // Median over the points.
+  double mean_squared_error = 0.0;  // Over all tracks and views, in sigma, capped.
+};
+
+/// Looks for the best pair to start from among frames [begin, end), trying starting frames in order
+/// and, for each, ever larger gaps along which keypoints are followed. Candidate motions come from
+/// essential matrix and homography; the one that explains two intermediate frames best, after
+/// bundle adjustment, wins, which settles the planar ambiguity. Stops at the first pair that is
+/// good by the options, else returns the best acceptable one. Empty if there is none (no parallax,
+/// too few matches).
+std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
+                                           const FeatureOptions& feature_options,
+                                           const std::vector<FrameFeatures>& frames,
+                                           const Undistorter& undistorter, int begin, int end);
+
+}  // namespace s3lam

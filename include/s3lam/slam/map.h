@@ -1,0 +1,113 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "s3lam/geometry/rigid3.h"
+#include "s3lam/slam/features.h"
+
+namespace s3lam {
+
+/// Keyframes and points as the SLAM pass grows and prunes them. Indices are stable: what is removed
+/// stays in its place, not alive.
+
+inline constexpr int kNoIndex = -1;
+
+struct Keyframe {
+  int frame = kNoIndex;  // Index into the frames' features.
+  Rigid3 cam_from_world;
+  std::vector<int> point_of_keypoint;  // kNoIndex where a keypoint has no point.
+  bool alive = true;
+  // Once removed, it moves with another keyframe.
+  int anchor = kNoIndex;
+  Rigid3 cam_from_anchor;
+};
+
+struct MapObservation {
+  int keyframe = kNoIndex;
+  int keypoint = kNoIndex;
+};
+
+struct MapPoint {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in world
+  std::vector<MapObservation> observations;            // Ascending keyframes, each at most once.
+  BinaryDescriptor descriptor{};                       // The observation most like the others.
+  Eigen::Vector3d view_direction =
+      Eigen::Vector3d::Zero();   // Mean, from cameras to the point, unit.
+  double level0_distance = 0.0;  // Distance at which it would be seen on level 0 [map units].
+  int first_keyframe = kNoIndex;
+  int num_visible = 1;  // Frames that should have seen it,
+  int num_found = 1;    // and those that did.
+  int replaced_by = kNoIndex;
+  bool alive = true;
+};
+
+class Map {
+ public:
+  /// `frames` outlives the map.
+  Map(const std::vector<FrameFeatures>& frames, const FeatureOptions& options);
+
+  [[nodiscard]] int num_keyframes() const { return static_cast<int>(keyframes_.size()); }
+  [[nodiscard]] int num_points() const { return static_cast<int>(points_.size()); }
+  [[nodiscard]] const Keyframe& keyframe(int i) const { return keyframes_[i]; }
+  [[nodiscard]] const MapPoint& point(int i) const { return points_[i]; }
+  [[nodiscard]] const FrameFeatures& features(int keyframe) const {
+    return frames_[keyframes_[keyframe].frame];
+  }
+  [[nodiscard]] const FrameFeatures& frame(int frame) const { return frames_[frame]; }
+  [[nodiscard]] const Keypoint& keypoint(const MapObservation& o) const {
+    return features(o.keyframe).keypoint(o.keypoint);
+  }
+  [[nodiscard]] int num_levels() const { return static_cast<int>(level_sigmas_.size()); }
+  [[nodiscard]] double sigma(int level) const { return level_sigmas_[level]; }
+  [[nodiscard]] int CountAliveKeyframes() const;
+  [[nodiscard]] int CountAlivePoints() const;
+
+  void SetPose(int keyframe, const Rigid3& cam_from_world) {
+    keyframes_[keyframe].cam_from_world = cam_from_world;
+  }
+  void SetPosition(int point, const Eigen::Vector3d& position) {
+    points_[point].position = position;
+  }
+  void CountVisible(int point, bool found) {
+    ++points_[point].num_visible;
+    points_[point].num_found += found;
+  }
+
+  int AddKeyframe(int frame, const Rigid3& cam_from_world);
+  /// A point without observations yet.
+  int AddPoint(const Eigen::Vector3d& position, int first_keyframe);
+  /// Does nothing if the keyframe sees the point already or the keypoint is taken; says if it did.
+  bool AddObservation(int point, MapObservation observation);
+  /// Erases the point as well when fewer than two observations are left.
+  void RemoveObservation(int point, int keyframe);
+  void ErasePoint(int point);
+  /// What hangs on the keyframe hangs on its most covisible neighbour from then on.
+  void EraseKeyframe(int keyframe);
+  /// Moves the observations of `dropped` to `kept` where they do not collide.
+  void MergePoints(int kept, int dropped);
+  /// Descriptor, viewing direction and distance from the observations.
+  void UpdateAppearance(int point);
+  void UpdateGeometry(int point);
+
+  /// Pose of a keyframe, removed or not, in the map as it is now.
+  [[nodiscard]] Rigid3 PoseOf(int keyframe) const;
+  /// The alive point that took the place of this one; kNoIndex if it was erased.
+  [[nodiscard]] int Resolve(int point) const;
+  /// Keyframes that share points with this one as (shared points, keyframe), most first.
+  [[nodiscard]] std::vector<std::pair<int, int>> Covisible(int keyframe) const;
+  /// Points of a keyframe that at least `min_observations` keyframes see.
+  [[nodiscard]] int CountPoints(int keyframe, int min_observations) const;
+  /// Median depth of a keyframe's points; 0 without any.
+  [[nodiscard]] double MedianDepth(int keyframe) const;
+  /// Scales the world, cameras included.
+  void Rescale(double factor);
+
+ private:
+  const std::vector<FrameFeatures>& frames_;
+  std::vector<double> level_sigmas_;
+  std::vector<Keyframe> keyframes_;
+  std::vector<MapPoint> points_;
+};
+
+}  // namespace s3lam

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "s3lam/slam/initializer.h"
+#include "s3lam/slam/mapper.h"
+#include "s3lam/slam/tracker.h"
+
+namespace s3lam {
+
+/// Builds a map from the features of a whole sequence: starts at the best initial pair, follows the
+/// frames in both directions, and after a loss goes on where a later frame is recognised, filling
+/// the gap from both ends.
+class MapBuilder {
+ public:
+  using ProgressCallback = std::function<void(int frames_done, int keyframes)>;
+
+  MapBuilder(const TrackerOptions& tracker_options, const MapperOptions& mapper_options,
+             const FeatureOptions& feature_options, const std::vector<FrameFeatures>& frames,
+             const Undistorter& undistorter, ProgressCallback progress);
+
+  /// Makes the first two keyframes and their points.
+  void Start(const InitialPair& pair);
+  /// Tracks and maps everything that can be reached.
+  void Grow();
+
+  [[nodiscard]] Map& map() { return map_; }
+  [[nodiscard]] const Mapper& mapper() const { return mapper_; }
+  [[nodiscard]] const Tracker& tracker() const { return tracker_; }
+  /// One per frame.
+  [[nodiscard]] const std::vector<FrameTrack>& tracks() const { return tracks_; }
+  [[nodiscard]] int num_relocalizations() const { return num_relocalizations_; }
+
+ private:
+  /// Follows frames from `first` in steps of +1 or -1 until the end, a tracked frame or a loss;
+  /// returns the first frame not tracked.
+  int Follow(int first, int direction);
+  /// Frame after `lost` that is recognised in the map and then followed on; the number of frames if
+  /// there is none.
+  int Recover(int lost);
+  bool TrackFrame(int frame, int direction);
+  [[nodiscard]] Rigid3 PredictPose(int frame, int direction) const;
+  [[nodiscard]] bool IsTracked(int frame) const;
+
+  const std::vector<FrameFeatures>& frames_;
+  Map map_;
+  Tracker tracker_;
+  Mapper mapper_;
+  ProgressCallback progress_;
+  InitialPair initial_;
+  std::vector<FrameTrack> tracks_;
+  int last_keyframe_frame_ = kNoIndex;
+  int frames_done_ = 0;
+  int num_relocalizations_ = 0;
+};
+
+}  // namespace s3lam

@@ -1,0 +1,77 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "s3lam/slam/matcher.h"
+
+namespace s3lam {
+
+struct TrackerOptions {
+  double motion_radius_px = 15.0;
+  double map_radius_px = 3.0;
+  int min_inliers = 25;
+  int max_local_keyframes = 25;
+  double keyframe_ratio = 0.85;
+  int max_keyframe_gap = 30;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// Where a frame is and what it sees. Poses hang on a keyframe, so they move with the map.
+struct FrameTrack {
+  bool tracked = false;
+  Rigid3 cam_from_world;              // At the time of tracking.
+  int reference_keyframe = kNoIndex;  // Shares the most points.
+  Rigid3 cam_from_reference;
+  std::vector<PointMatch> matches;  // Inliers.
+  std::vector<int> missed;          // Points that should have been seen and were not.
+};
+
+/// The pose of a tracked frame in the map as it is now.
+Rigid3 CurrentPose(const Map& map, const FrameTrack& track);
+
+/// Localises single frames in a map. Holds no state between frames.
+class Tracker {
+ public:
+  Tracker(const TrackerOptions& options, const Undistorter& undistorter)
+      : options_(options), undistorter_(undistorter) {}
+
+  /// Follows the points of `last` into `frame`, `predicted` being where the motion so far puts it;
+  /// then looks for all points of the local map. Not tracked if too few are found.
+  FrameTrack Track(const Map& map, int frame, const FrameTrack& last,
+                   const Rigid3& predicted) const;
+
+  /// Finds a frame by descriptors alone against the points of one keyframe, then as above.
+  FrameTrack Relocalize(const Map& map, int frame, int keyframe) const;
+
+  /// Matches the local map around a pose that is nearly right.
+  FrameTrack TrackLocalMap(const Map& map, int frame, const Rigid3& cam_from_world,
+                           const std::vector<PointMatch>& matches, double radius_px) const;
+
+  /// The motion of a frame that lies between two that were tracked, or beside one: matches what
+  /// `near` sees around a guess, widely first.
+  FrameTrack TrackNear(const Map& map, int frame, const FrameTrack& near,
+                       const Rigid3& guess) const;
+
+  /// Does the map need this frame as a keyframe?
+  [[nodiscard]] bool NeedsKeyframe(const Map& map, const FrameTrack& track,
+                                   int frames_since_keyframe) const;
+
+ private:
+  [[nodiscard]] std::vector<PointMatch> FollowMatches(const Map& map, int frame,
+                                                      const FrameTrack& last,
+                                                      const Rigid3& predicted,
+                                                      double radius_px) const;
+  /// Refines a pose with matches and keeps the inliers among them.
+  int Refine(const Map& map, int frame, Rigid3& cam_from_world,
+             std::vector<PointMatch>& matches) const;
+  /// Pose and inlier matches against one keyframe's points, by descriptors.
+  [[nodiscard]] std::optional<std::pair<Rigid3, std::vector<PointMatch>>> FindByDescriptors(
+      const Map& map, int frame, int keyframe) const;
+
+  const TrackerOptions& options_;
+  const Undistorter& undistorter_;
+};
+
+}  // namespace s3lam

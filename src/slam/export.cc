@@ -1,0 +1,135 @@
+#include "s3lam/slam/export.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "s3lam/base/error.h"
+
+namespace s3lam::slam {
+namespace {
+
+/// Keyframes in the order of their frames.
+std::vector<int> KeyframesInTime(const Map& map) {
+  std::vector<int> keyframes;
+  for (int k = 0; k < map.num_keyframes(); ++k) {
+    if (map.keyframe(k).alive) keyframes.push_back(k);
+  }
+  std::sort(keyframes.begin(), keyframes.end(),
+            [&](int a, int b) { return map.keyframe(a).frame < map.keyframe(b).frame; });
+  return keyframes;
+}
+
+ImageId ImageOfFrame(int frame) { return ImageId(static_cast<uint32_t>(frame) + 1); }
+
+/// Images with all their keypoints, at the pixels where they were found.
+void AddImages(const Input& input, const Map& map, const std::vector<int>& keyframes,
+               Reconstruction& reconstruction) {
+  Camera camera = input.camera;
+  camera.id = CameraId(1);
+  reconstruction.cameras[camera.id] = camera;
+  for (const int k : keyframes) {
+    const int frame = map.keyframe(k).frame;
+    Image image;
+    image.id = ImageOfFrame(frame);
+    image.camera_id = camera.id;
+    image.name = input.names[frame];
+    image.cam_from_world = map.keyframe(k).cam_from_world;
+    const FrameFeatures& features = map.features(k);
+    image.points2D.resize(static_cast<size_t>(features.size()));
+    for (int i = 0; i < features.size(); ++i) {
+      image.points2D[i].xy = features.keypoint(i).pixel.cast<double>();
+    }
+    reconstruction.images.emplace(image.id, std::move(image));
+  }
+}
+
+void AddPoints(const Map& map, Result& result) {
+  uint64_t next_id = 1;
+  for (int p = 0; p < map.num_points(); ++p) {
+    const MapPoint& point = map.point(p);
+    if (!point.alive) continue;
+    const PointId id(next_id++);
+    ScenePoint scene_point;
+    scene_point.xyz = point.position;
+    for (const MapObservation& o : point.observations) {
+      const ImageId image = ImageOfFrame(map.keyframe(o.keyframe).frame);
+      scene_point.track.push_back({image, static_cast<uint32_t>(o.keypoint)});
+      result.reconstruction.images.at(image).points2D[o.keypoint].point_id = id;
+    }
+    std::sort(scene_point.track.begin(), scene_point.track.end());
+    result.reconstruction.points.emplace(id, std::move(scene_point));
+    result.descriptors.emplace(id, point.descriptor);
+  }
+}
+
+/// Mean colour of each point over the keyframes that see it.
+void AddColors(const Input& input, Reconstruction& reconstruction) {
+  std::map<PointId, std::array<double, 3>> sums;
+  for (const auto& [id, image] : reconstruction.images) {
+    const cv::Mat picture = input.read_color(id.value() - 1);
+    for (const Point2D& point2D : image.points2D) {
+      if (!point2D.point_id.valid()) continue;
+      const int x = std::clamp(static_cast<int>(point2D.xy.x()), 0, picture.cols - 1);
+      const int y = std::clamp(static_cast<int>(point2D.xy.y()), 0, picture.rows - 1);
+      std::array<double, 3>& sum = sums[point2D.point_id];
+      if (picture.channels() == 3) {
+        const cv::Vec3b bgr = picture.at<cv::Vec3b>(y, x);
+        for (int c = 0; c < 3; ++c) sum[static_cast<size_t>(c)] += bgr[2 - c];
+      } else {
+        for (double& channel : sum) channel += picture.at<uint8_t>(y, x);
+      }
+    }
+  }
+  for (auto& [id, point] : reconstruction.points) {
+    for (size_t c = 0; c < 3; ++c) {
+      point.color[c] =
+          static_cast<uint8_t>(std::lround(sums[id][c] / static_cast<double>(point.track.size())));
+    }
+  }
+}
+
+void AddTrajectories(const Input& input, const std::vector<FrameTrack>& localized, Result& result) {
+  for (size_t i = 0; i < localized.size(); ++i) {
+    if (!localized[i].tracked) continue;
+    const TimedPose pose{input.times_s[i], localized[i].cam_from_world.Inverse()};
+    result.frames.push_back(pose);
+    if (result.reconstruction.images.contains(ImageOfFrame(static_cast<int>(i)))) {
+      result.keyframes.push_back(pose);
+    }
+  }
+}
+
+void FillReport(const std::vector<FrameTrack>& localized, Result& result) {
+  Report& report = result.report;
+  report.num_frames = static_cast<int>(localized.size());
+  report.num_localized = static_cast<int>(result.frames.size());
+  report.num_keyframes = static_cast<int>(result.reconstruction.images.size());
+  report.num_points = static_cast<int>(result.reconstruction.points.size());
+  report.num_observations = static_cast<int>(result.reconstruction.NumObservations());
+  if (report.num_points > 0) {
+    report.mean_track_length =
+        static_cast<double>(report.num_observations) / static_cast<double>(report.num_points);
+  }
+  report.rms_px = ComputeReprojectionStatistics(result.reconstruction).rms_px;
+  for (size_t i = 0; i < localized.size(); ++i) {
+    report.frames.push_back(
+        {localized[i].tracked,
+         result.reconstruction.images.contains(ImageOfFrame(static_cast<int>(i))),
+         static_cast<int>(localized[i].matches.size())});
+  }
+}
+
+}  // namespace
+
+void Export(const Input& input, const Map& map, const std::vector<FrameTrack>& localized,
+            Result& result) {
+  AddImages(input, map, KeyframesInTime(map), result.reconstruction);
+  AddPoints(map, result);
+  AddColors(input, result.reconstruction);
+  UpdatePointErrors(result.reconstruction);
+  AddTrajectories(input, localized, result);
+  FillReport(localized, result);
+}
+
+}  // namespace s3lam::slam

@@ -1,0 +1,322 @@
+#include "s3lam/slam/initializer.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "s3lam/geometry/triangulation.h"
+#include "s3lam/optim/pose_refinement.h"
+#include "s3lam/robust/relative_pose.h"
+
+namespace s3lam {
+namespace {
+
+constexpr int kMaxDescriptorDistance = 64;
+constexpr double kMaxRatio = 0.9;
+constexpr double kSearchRadius = 0.1;  // Of the image's longer side.
+constexpr int kMaxMissed = 2;          // Frames in a row that a track may miss.
+constexpr double kFirstFlow = 0.03;    // Median flow, of the longer side, that is worth a try.
+constexpr double kFlowGrowth = 1.4;    // Between tries.
+constexpr double kCappedError = 9.0;   // [sigma^2]
+constexpr int kNumViews = 4;           // First, two between, last.
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+
+/// A keypoint of the starting frame, followed.
+struct Track {
+  std::vector<int> keypoint_of_frame;  // By offset from the starting frame; -1 where not seen.
+  Eigen::Vector2d position;
+  Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  // px per frame
+  int missed = 0;
+};
+
+std::vector<Track> StartTracks(const FrameFeatures& frame) {
+  std::vector<Track> tracks(static_cast<size_t>(frame.size()));
+  for (int i = 0; i < frame.size(); ++i) {
+    tracks[i].keypoint_of_frame = {i};
+    tracks[i].position = frame.keypoint(i).undistorted.cast<double>();
+  }
+  return tracks;
+}
+
+/// Finds each track in the next frame; returns how many were found.
+int ExtendTracks(const FrameFeatures& start, const FrameFeatures& next, double radius,
+                 std::vector<Track>& tracks) {
+  struct Best {
+    int track = -1;
+    int distance = 257;
+  };
+  std::vector<Best> best_of_keypoint(static_cast<size_t>(next.size()));
+  for (size_t t = 0; t < tracks.size(); ++t) {
+    const Track& track = tracks[t];
+    if (track.missed > kMaxMissed) continue;
+    const int origin = track.keypoint_of_frame.front();
+    const int level = start.keypoint(origin).level;
+    Best best;
+    int second = 257;
+    next.VisitNear(track.position + (track.missed + 1.0) * track.velocity, radius, level - 1,
+                   level + 1, [&](int i) {
+                     const int d = HammingDistance(start.descriptor(origin), next.descriptor(i));
+                     if (d < best.distance) {
+                       second = best.distance;
+                       best = {i, d};
+                     } else {
+                       second = std::min(second, d);
+                     }
+                   });
+    if (best.distance > kMaxDescriptorDistance || best.distance > kMaxRatio * second) continue;
+    Best& current = best_of_keypoint[best.track];
+    if (best.distance < current.distance) current = {static_cast<int>(t), best.distance};
+  }
+  for (Track& track : tracks) {
+    track.keypoint_of_frame.push_back(-1);
+    ++track.missed;
+  }
+  int found = 0;
+  for (int i = 0; i < next.size(); ++i) {
+    if (best_of_keypoint[i].track < 0) continue;
+    Track& track = tracks[best_of_keypoint[i].track];
+    const Eigen::Vector2d position = next.keypoint(i).undistorted.cast<double>();
+    track.velocity = (position - track.position) / track.missed;
+    track.position = position;
+    track.keypoint_of_frame.back() = i;
+    track.missed = 0;
+    ++found;
+  }
+  return found;
+}
+
+class PairEvaluator {
+ public:
+  PairEvaluator(const InitializerOptions& options, const FeatureOptions& feature_options,
+                const std::vector<FrameFeatures>& frames, const Undistorter& undistorter)
+      : options_(options),
+        sigmas_(LevelSigmas(feature_options)),
+        frames_(frames),
+        camera_(undistorter.intrinsics()) {}
+
+  /// The map that tracks from frame `start` to start + gap give, if they have the parallax.
+  std::optional<InitialPair> Evaluate(int start, int gap, const std::vector<Track>& tracks) {
+    views_ = {start, start + gap / 3, start + 2 * gap / 3, start + gap};
+    tracks_.clear();
+    for (const Track& track : tracks) {
+      if (track.keypoint_of_frame[gap] >= 0) tracks_.push_back(&track);
+    }
+    if (static_cast<int>(tracks_.size()) < options_.min_matches) return std::nullopt;
+    std::vector<Eigen::Vector2d> normalized_a;
+    std::vector<Eigen::Vector2d> normalized_b;
+    for (const Track* track : tracks_) {
+      normalized_a.push_back(camera_.Normalize(*Pixel(*track, 0)));
+      normalized_b.push_back(camera_.Normalize(*Pixel(*track, kNumViews - 1)));
+    }
+    const double threshold = 2.0 / (0.5 * (camera_.fx + camera_.fy));
+    std::optional<InitialPair> best;
+    for (const Rigid3& b_from_a : RelativePoseCandidates(normalized_a, normalized_b, threshold)) {
+      const auto pair = EvaluateMotion(b_from_a);
+      if (pair && (!best || pair->mean_squared_error < best->mean_squared_error)) best = pair;
+    }
+    if (!best || static_cast<int>(best->points.size()) < options_.min_points ||
+        best->parallax_deg < options_.min_parallax_deg) {
+      return std::nullopt;
+    }
+    return best;
+  }
+
+ private:
+  [[nodiscard]] int KeypointOf(const Track& track, int view) const {
+    return track.keypoint_of_frame[views_[view] - views_[0]];
+  }
+  [[nodiscard]] std::optional<Eigen::Vector2d> Pixel(const Track& track, int view) const {
+    const int keypoint = KeypointOf(track, view);
+    if (keypoint < 0) return std::nullopt;
+    return frames_[views_[view]].keypoint(keypoint).undistorted.cast<double>();
+  }
+  [[nodiscard]] double InverseSigma(const Track& track, int view) const {
+    return 1.0 / sigmas_[frames_[views_[view]].keypoint(KeypointOf(track, view)).level];
+  }
+
+  /// Triangulates from the outer views, poses the inner ones, adjusts, and scores over all tracks.
+  [[nodiscard]] std::optional<InitialPair> EvaluateMotion(const Rigid3& b_from_a) const {
+    BaProblem problem;
+    problem.camera = camera_;
+    problem.pose_is_fixed = {1, 0, 0, 0};
+    problem.poses.assign(kNumViews, Rigid3{});
+    problem.poses.back() = b_from_a;
+    std::vector<int> point_of_track = TriangulateTracks(b_from_a, problem);
+    if (static_cast<int>(problem.points.size()) < options_.min_points ||
+        problem.points.size() * 2 < tracks_.size()) {
+      return std::nullopt;
+    }
+    if (!PoseInnerViews(point_of_track, problem)) return std::nullopt;
+    AddObservations(point_of_track, problem);
+    BundleAdjustmentOptions ba;
+    ba.max_iterations = 15;
+    if (!AdjustBundle(ba, problem).usable) return std::nullopt;
+    return Score(point_of_track, problem);
+  }
+
+  std::vector<int> TriangulateTracks(const Rigid3& b_from_a, BaProblem& problem) const {
+    std::vector<int> point_of_track(tracks_.size(), -1);
+    for (size_t t = 0; t < tracks_.size(); ++t) {
+      const Eigen::Vector2d a = *Pixel(*tracks_[t], 0);
+      const Eigen::Vector2d b = *Pixel(*tracks_[t], kNumViews - 1);
+      const std::array<ViewingRay, 2> rays{ViewingRay{Rigid3{}, camera_.Normalize(a)},
+                                           ViewingRay{b_from_a, camera_.Normalize(b)}};
+      const auto point = Triangulate(rays);
+      if (!point || point->norm() > 1e4) continue;
+      const double error =
+          SquaredError(camera_, Rigid3{}, *point, a, InverseSigma(*tracks_[t], 0)) +
+          SquaredError(camera_, b_from_a, *point, b, InverseSigma(*tracks_[t], kNumViews - 1));
+      if (error > 2.0 * kCappedError) continue;
+      point_of_track[t] = static_cast<int>(problem.points.size());
+      problem.points.push_back(*point);
+    }
+    return point_of_track;
+  }
+
+  bool PoseInnerViews(const std::vector<int>& point_of_track, BaProblem& problem) const {
+    for (int view = 1; view < kNumViews - 1; ++view) {
+      const double share = static_cast<double>(views_[view] - views_[0]) /
+                           static_cast<double>(views_.back() - views_[0]);
+      Rigid3& pose = problem.poses[view];
+      pose.rotation = Eigen::Quaterniond::Identity().slerp(share, problem.poses.back().rotation);
+      pose.translation = share * problem.poses.back().translation;
+      std::vector<PoseObservation> observations;
+      for (size_t t = 0; t < tracks_.size(); ++t) {
+        const auto pixel = Pixel(*tracks_[t], view);
+        if (point_of_track[t] < 0 || !pixel) continue;
+        observations.push_back(
+            {problem.points[point_of_track[t]], *pixel, InverseSigma(*tracks_[t], view)});
+      }
+      if (observations.size() < 10) return false;
+      if (RefinePose(camera_, observations, pose).num_inliers < 10) return false;
+    }
+    return true;
+  }
+
+  void AddObservations(const std::vector<int>& point_of_track, BaProblem& problem) const {
+    for (size_t t = 0; t < tracks_.size(); ++t) {
+      if (point_of_track[t] < 0) continue;
+      for (int view = 0; view < kNumViews; ++view) {
+        const auto pixel = Pixel(*tracks_[t], view);
+        if (!pixel) continue;
+        problem.observations.push_back(
+            {view, point_of_track[t], *pixel, InverseSigma(*tracks_[t], view)});
+      }
+    }
+  }
+
+  [[nodiscard]] std::optional<InitialPair> Score(const std::vector<int>& point_of_track,
+                                                 const BaProblem& problem) const {
+    std::vector<double> worst(problem.points.size(), 0.0);
+    double sum = 0.0;
+    size_t count = 0;
+    for (const BaObservation& o : problem.observations) {
+      const double error = SquaredError(camera_, problem.poses[o.pose], problem.points[o.point],
+                                        o.xy, o.inverse_sigma);
+      worst[o.point] = std::max(worst[o.point], error);
+      sum += std::min(error, kCappedError);
+      ++count;
+    }
+    const size_t num_lost = tracks_.size() - problem.points.size();
+    sum += kCappedError * kNumViews * static_cast<double>(num_lost);
+    count += num_lost * kNumViews;
+    InitialPair pair;
+    pair.frame_a = views_.front();
+    pair.frame_b = views_.back();
+    pair.b_from_a = problem.poses.back();
+    pair.mean_squared_error = sum / static_cast<double>(count);
+    std::vector<double> depths;
+    std::vector<double> angles;
+    for (size_t t = 0; t < tracks_.size(); ++t) {
+      const int p = point_of_track[t];
+      if (p < 0 || worst[p] > 5.991) continue;
+      const Eigen::Vector3d& x = problem.points[p];
+      if (x.z() <= 0.0 || (pair.b_from_a * x).z() <= 0.0) continue;
+      pair.points.push_back(
+          {KeypointOf(*tracks_[t], 0), KeypointOf(*tracks_[t], kNumViews - 1), x});
+      depths.push_back(x.z());
+      angles.push_back(ParallaxAngle(x, Eigen::Vector3d::Zero(), pair.b_from_a.CenterInB()) *
+                       kDegrees);
+    }
+    if (pair.points.empty()) return std::nullopt;
+    const auto median = [](std::vector<double>& v) {
+      const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+      std::nth_element(v.begin(), middle, v.end());
+      return *middle;
+    };
+    pair.parallax_deg = median(angles);
+    const double scale = 1.0 / median(depths);
+    pair.b_from_a.translation *= scale;
+    for (InitialPoint& point : pair.points) point.position *= scale;
+    return pair;
+  }
+
+  const InitializerOptions& options_;
+  std::vector<double> sigmas_;
+  const std::vector<FrameFeatures>& frames_;
+  PinholeIntrinsics camera_;
+  std::array<int, kNumViews> views_{};
+  std::vector<const Track*> tracks_;
+};
+
+double MedianFlow(const FrameFeatures& start, const std::vector<Track>& tracks) {
+  std::vector<double> flows;
+  for (const Track& track : tracks) {
+    if (track.missed > 0) continue;
+    const auto origin = start.keypoint(track.keypoint_of_frame.front()).undistorted.cast<double>();
+    flows.push_back((track.position - origin).norm());
+  }
+  if (flows.empty()) return 0.0;
+  const auto middle = flows.begin() + static_cast<std::ptrdiff_t>(flows.size() / 2);
+  std::nth_element(flows.begin(), middle, flows.end());
+  return *middle;
+}
+
+double Quality(const InitializerOptions& options, const InitialPair& pair) {
+  return std::min(1.0, pair.parallax_deg / options.good_parallax_deg) *
+         std::min(1.0, static_cast<double>(pair.points.size()) / options.good_points);
+}
+
+}  // namespace
+
+void InitializerOptions::Visit(OptionVisitor& v) {
+  v.Value("max_start", max_start, "frames from the beginning that may start a pair", 1, 1000000);
+  v.Value("start_step", start_step, "frames between starting frames that are tried", 1, 1000);
+  v.Value("max_gap", max_gap, "frames between the two of a pair at the most", 1, 10000);
+  v.Value("min_matches", min_matches, "keypoints followed from one frame to the other", 10, 10000);
+  v.Value("min_points", min_points, "points that a pair must give", 10, 10000);
+  v.Value("min_parallax_deg", min_parallax_deg, "median parallax that a pair must have [deg]", 0.1,
+          30.0);
+  v.Value("good_parallax_deg", good_parallax_deg, "parallax that ends the search [deg]", 0.1, 30.0);
+  v.Value("good_points", good_points, "points that end the search", 10, 10000);
+}
+
+std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
+                                           const FeatureOptions& feature_options,
+                                           const std::vector<FrameFeatures>& frames,
+                                           const Undistorter& undistorter, int begin, int end) {
+  PairEvaluator evaluator(options, feature_options, frames, undistorter);
+  const double side = std::max(undistorter.camera().width, undistorter.camera().height);
+  std::optional<InitialPair> best;
+  for (int start = begin; start < std::min(end - 1, begin + options.max_start);
+       start += options.start_step) {
+    std::vector<Track> tracks = StartTracks(frames[start]);
+    double next_flow = kFirstFlow * side;
+    for (int gap = 1; gap <= options.max_gap && start + gap < end; ++gap) {
+      const int found =
+          ExtendTracks(frames[start], frames[start + gap], kSearchRadius * side, tracks);
+      if (found < options.min_matches) break;
+      const double flow = MedianFlow(frames[start], tracks);
+      if (gap < kNumViews - 1 || flow < next_flow) continue;
+      next_flow = kFlowGrowth * flow;
+      const auto pair = evaluator.Evaluate(start, gap, tracks);
+      if (!pair) continue;
+      if (!best || Quality(options, *pair) > Quality(options, *best)) best = pair;
+      if (Quality(options, *best) >= 1.0) return best;
+    }
+  }
+  return best;
+}
+
+}  // namespace s3lam

@@ -1,0 +1,197 @@
+#include "s3lam/slam/map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "s3lam/base/error.h"
+
+namespace s3lam {
+
+Map::Map(const std::vector<FrameFeatures>& frames, const FeatureOptions& options)
+    : frames_(frames), level_sigmas_(LevelSigmas(options)) {}
+
+int Map::CountAliveKeyframes() const {
+  return static_cast<int>(std::count_if(keyframes_.begin(), keyframes_.end(),
+                                        [](const Keyframe& k) { return k.alive; }));
+}
+
+int Map::CountAlivePoints() const {
+  return static_cast<int>(
+      std::count_if(points_.begin(), points_.end(), [](const MapPoint& p) { return p.alive; }));
+}
+
+int Map::AddKeyframe(int frame, const Rigid3& cam_from_world) {
+  Keyframe keyframe;
+  keyframe.frame = frame;
+  keyframe.cam_from_world = cam_from_world;
+  keyframe.point_of_keypoint.assign(static_cast<size_t>(frames_[frame].size()), kNoIndex);
+  keyframes_.push_back(std::move(keyframe));
+  return num_keyframes() - 1;
+}
+
+int Map::AddPoint(const Eigen::Vector3d& position, int first_keyframe) {
+  MapPoint point;
+  point.position = position;
+  point.first_keyframe = first_keyframe;
+  points_.push_back(std::move(point));
+  return num_points() - 1;
+}
+
+bool Map::AddObservation(int point, MapObservation observation) {
+  int& slot = keyframes_[observation.keyframe].point_of_keypoint[observation.keypoint];
+  if (slot != kNoIndex) return false;
+  auto& observations = points_[point].observations;
+  const auto place =
+      std::lower_bound(observations.begin(), observations.end(), observation.keyframe,
+                       [](const MapObservation& o, int keyframe) { return o.keyframe < keyframe; });
+  if (place != observations.end() && place->keyframe == observation.keyframe) return false;
+  observations.insert(place, observation);
+  slot = point;
+  return true;
+}
+
+void Map::RemoveObservation(int point, int keyframe) {
+  auto& observations = points_[point].observations;
+  const auto it = std::find_if(observations.begin(), observations.end(),
+                               [&](const MapObservation& o) { return o.keyframe == keyframe; });
+  if (it == observations.end()) return;
+  keyframes_[keyframe].point_of_keypoint[it->keypoint] = kNoIndex;
+  observations.erase(it);
+  if (observations.size() < 2) ErasePoint(point);
+}
+
+void Map::ErasePoint(int point) {
+  MapPoint& erased = points_[point];
+  for (const MapObservation& o : erased.observations) {
+    keyframes_[o.keyframe].point_of_keypoint[o.keypoint] = kNoIndex;
+  }
+  erased.observations.clear();
+  erased.alive = false;
+}
+
+void Map::EraseKeyframe(int keyframe) {
+  const auto neighbours = Covisible(keyframe);
+  if (!neighbours.empty()) {
+    const int anchor = neighbours.front().second;
+    keyframes_[keyframe].anchor = anchor;
+    keyframes_[keyframe].cam_from_anchor =
+        keyframes_[keyframe].cam_from_world * keyframes_[anchor].cam_from_world.Inverse();
+  }
+  std::vector<int> points = keyframes_[keyframe].point_of_keypoint;
+  for (const int point : points) {
+    if (point != kNoIndex) RemoveObservation(point, keyframe);
+  }
+  keyframes_[keyframe].alive = false;
+}
+
+void Map::MergePoints(int kept, int dropped) {
+  S3LAM_CHECK(kept != dropped);
+  const std::vector<MapObservation> observations = points_[dropped].observations;
+  points_[kept].num_visible += points_[dropped].num_visible;
+  points_[kept].num_found += points_[dropped].num_found;
+  ErasePoint(dropped);
+  points_[dropped].replaced_by = kept;
+  for (const MapObservation& o : observations) AddObservation(kept, o);
+  UpdateAppearance(kept);
+  UpdateGeometry(kept);
+}
+
+void Map::UpdateAppearance(int index) {
+  MapPoint& point = points_[index];
+  const size_t n = point.observations.size();
+  if (n == 0) return;
+  // The descriptor with the least median distance to the others.
+  std::vector<const BinaryDescriptor*> descriptors;
+  for (const MapObservation& o : point.observations) {
+    descriptors.push_back(&features(o.keyframe).descriptor(o.keypoint));
+  }
+  int best_median = std::numeric_limits<int>::max();
+  std::vector<int> distances(n);
+  for (size_t i = 0; i < n; ++i) {
+    for (size_t j = 0; j < n; ++j) distances[j] = HammingDistance(*descriptors[i], *descriptors[j]);
+    const auto middle = distances.begin() + static_cast<std::ptrdiff_t>((n - 1) / 2);
+    std::nth_element(distances.begin(), middle, distances.end());
+    if (*middle < best_median) {
+      best_median = *middle;
+      point.descriptor = *descriptors[i];
+    }
+  }
+}
+
+void Map::UpdateGeometry(int index) {
+  MapPoint& point = points_[index];
+  if (point.observations.empty()) return;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double log_distance = 0.0;
+  for (const MapObservation& o : point.observations) {
+    const Eigen::Vector3d ray = point.position - keyframes_[o.keyframe].cam_from_world.CenterInB();
+    const double distance = ray.norm();
+    sum += ray / distance;
+    log_distance += std::log(distance * level_sigmas_[keypoint(o).level]);
+  }
+  point.view_direction = sum.normalized();
+  point.level0_distance = std::exp(log_distance / static_cast<double>(point.observations.size()));
+}
+
+Rigid3 Map::PoseOf(int keyframe) const {
+  const Keyframe& k = keyframes_[keyframe];
+  if (k.alive || k.anchor == kNoIndex) return k.cam_from_world;
+  return k.cam_from_anchor * PoseOf(k.anchor);
+}
+
+int Map::Resolve(int point) const {
+  while (point != kNoIndex && !points_[point].alive) point = points_[point].replaced_by;
+  return point;
+}
+
+std::vector<std::pair<int, int>> Map::Covisible(int keyframe) const {
+  std::vector<int> shared(keyframes_.size(), 0);
+  for (const int point : keyframes_[keyframe].point_of_keypoint) {
+    if (point == kNoIndex) continue;
+    for (const MapObservation& o : points_[point].observations) ++shared[o.keyframe];
+  }
+  shared[keyframe] = 0;
+  std::vector<std::pair<int, int>> result;
+  for (int i = 0; i < num_keyframes(); ++i) {
+    if (shared[i] > 0) result.emplace_back(shared[i], i);
+  }
+  std::sort(result.begin(), result.end(), [](const auto& a, const auto& b) {
+    return a.first != b.first ? a.first > b.first : a.second < b.second;
+  });
+  return result;
+}
+
+int Map::CountPoints(int keyframe, int min_observations) const {
+  int count = 0;
+  for (const int point : keyframes_[keyframe].point_of_keypoint) {
+    if (point == kNoIndex) continue;
+    count += static_cast<int>(points_[point].observations.size()) >= min_observations;
+  }
+  return count;
+}
+
+double Map::MedianDepth(int keyframe) const {
+  std::vector<double> depths;
+  for (const int point : keyframes_[keyframe].point_of_keypoint) {
+    if (point == kNoIndex) continue;
+    depths.push_back((keyframes_[keyframe].cam_from_world * points_[point].position).z());
+  }
+  if (depths.empty()) return 0.0;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return *middle;
+}
+
+void Map::Rescale(double factor) {
+  for (Keyframe& keyframe : keyframes_) {
+    keyframe.cam_from_world.translation *= factor;
+    keyframe.cam_from_anchor.translation *= factor;
+  }
+  for (MapPoint& point : points_) {
+    point.position *= factor;
+    point.level0_distance *= factor;
+  }
+}
+
+}  // namespace s3lam

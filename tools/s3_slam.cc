@@ -1,0 +1,135 @@
+#include <fmt/format.h>
+
+#include <boost/program_options.hpp>
+#include <nlohmann/json.hpp>
+
+#include "common/program.h"
+#include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
+#include "s3lam/base/output_directory.h"
+#include "s3lam/base/version.h"
+#include "s3lam/io/colmap_model.h"
+#include "s3lam/io/descriptors.h"
+#include "s3lam/io/file.h"
+#include "s3lam/io/image_sequence.h"
+#include "s3lam/io/trajectory.h"
+#include "s3lam/slam/pipeline.h"
+
+namespace s3lam::tools {
+namespace {
+
+namespace po = boost::program_options;
+
+constexpr const char* kDescription =
+    "Monocular keyframe SLAM over an image sequence, offline: every frame is localised.\n\n"
+    "Reads   --sequence: a folder (TUM RGB-D, KITTI odometry or raw, EuRoC, plain images) or a\n"
+    "        video; the camera from --camera, else from what the sequence brings.\n"
+    "Writes  --output: cameras.bin, images.bin, points3D.bin (COLMAP), keyframes.txt and\n"
+    "        frames.txt (TUM, world_from_camera), descriptors.bin, project.ini, report.json,\n"
+    "        config.json.";
+
+SequenceFormat ParseFormat(const std::string& name) {
+  const auto format = SequenceFormatFromName(name);
+  if (!format) {
+    throw UsageError(fmt::format(
+        "--format {}: expected auto, tum, kitti, kitti-raw, euroc, folder or video", name));
+  }
+  return *format;
+}
+
+ImageSequence Open(const po::variables_map& arguments) {
+  const std::string path = Required(arguments, "sequence");
+  const FrameRange range = arguments.count("frames") > 0
+                               ? ParseFrameRange(arguments["frames"].as<std::string>())
+                               : FrameRange{};
+  ImageSequence sequence =
+      OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range);
+  if (arguments.count("camera") > 0) {
+    sequence.camera = ReadCameraJson(arguments["camera"].as<std::string>()).camera;
+  }
+  if (!sequence.camera) {
+    ThrowInputError("{}: no camera: give --camera FILE or put a camera.json into the folder", path);
+  }
+  return sequence;
+}
+
+slam::Input MakeInput(const ImageSequence& sequence, const FrameReader& reader) {
+  slam::Input input;
+  input.camera = *sequence.camera;
+  for (const SequenceFrame& frame : sequence.frames) {
+    input.times_s.push_back(frame.time_s);
+    input.names.push_back(frame.name);
+  }
+  input.read_gray = [&reader](size_t i) { return reader.ReadGray(i); };
+  input.read_color = [&reader](size_t i) { return reader.Read(i); };
+  input.concurrent_reads = reader.IsThreadSafe();
+  return input;
+}
+
+void Write(const slam::Result& result, const slam::Options& options, const nlohmann::json& report,
+           const ImageSequence& sequence, const std::filesystem::path& directory) {
+  WriteColmapModel(result.reconstruction, directory);
+  WriteColmapProject(std::filesystem::absolute(sequence.image_root), directory / "project.ini");
+  WriteTumTrajectory(result.keyframes, directory / "keyframes.txt");
+  WriteTumTrajectory(result.frames, directory / "frames.txt");
+  WriteDescriptors(result.descriptors, directory / "descriptors.bin");
+  WriteJson(directory / "report.json", report);
+  WriteJson(directory / "config.json", OptionsToJson(options));
+}
+
+std::string Table(const slam::Report& report, const std::string& output) {
+  std::string table;
+  table += fmt::format("frames localised    {} of {}\n", report.num_localized, report.num_frames);
+  table += fmt::format("keyframes           {}\n", report.num_keyframes);
+  table += fmt::format("points              {}\n", report.num_points);
+  table += fmt::format("mean track length   {:.2f}\n", report.mean_track_length);
+  table += fmt::format("reprojection RMS    {:.3f} px\n", report.rms_px);
+  for (const auto& [step, seconds] : report.seconds) {
+    table += fmt::format("{:<26}{:8.2f} s\n", step, seconds);
+  }
+  table += fmt::format("peak memory         {:.0f} MiB\n", PeakMemoryMiB());
+  table += fmt::format("written to          {}\n", output);
+  return table;
+}
+
+void RunSlam(const po::variables_map& arguments, const CommonArguments& common) {
+  const std::string output = Required(arguments, "output");
+  auto options = LoadOptions<slam::Options>(common);
+  options.num_threads = common.threads;
+  const ImageSequence sequence = Open(arguments);
+  OutputDirectory directory(output, common.overwrite);
+  spdlog::info("{} frames, camera {} {} x {}", sequence.frames.size(),
+               CameraModelName(sequence.camera->model), sequence.camera->width,
+               sequence.camera->height);
+  const FrameReader reader(sequence);
+  const slam::Result result = slam::Run(options, MakeInput(sequence, reader));
+  nlohmann::json report = ToJson(result.report);
+  report["program"] = "s3-slam";
+  report["version"] = Version();
+  report["peak_memory_mib"] = PeakMemoryMiB();
+  Write(result, options, report, sequence, directory.path());
+  directory.Commit();
+  report.erase("per_frame");
+  PrintReport(common, Table(result.report, output), report);
+}
+
+}  // namespace
+}  // namespace s3lam::tools
+
+int main(int argc, char** argv) {
+  using namespace s3lam::tools;
+  namespace po = boost::program_options;
+  Program program;
+  program.name = "s3-slam";
+  program.description = kDescription;
+  auto add = program.arguments.add_options();
+  add("sequence", po::value<std::string>()->value_name("DIR|VIDEO"), "the images");
+  add("format", po::value<std::string>()->default_value("auto"),
+      "auto, tum, kitti, kitti-raw, euroc, folder or video");
+  add("camera", po::value<std::string>()->value_name("FILE"), "camera.json");
+  add("frames", po::value<std::string>()->value_name("A:B:STEP"), "use only these frames");
+  add("output", po::value<std::string>()->value_name("DIR"), "where the result goes");
+  SetConfiguration(s3lam::slam::Options{}, program);
+  program.run = RunSlam;
+  return RunProgram(argc, argv, program);
+}
