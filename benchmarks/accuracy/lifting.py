@@ -1,0 +1,394 @@
+#!/usr/bin/env python3
+"""Measures s3-lift on sequences with ground truth: class accuracy, instances, planes.
+
+The truth files only judge; they are never an input of s3-lift. Needs numpy and Pillow.
+
+  lifting.py --data DIR --bin DIR --output DIR [--redkitchen-model DIR] [--kitti-model DIR]
+"""
+import argparse
+import json
+import pathlib
+import struct
+import subprocess
+import sys
+import time
+
+import numpy as np
+from PIL import Image
+
+REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
+MIN_OBSERVATIONS = 3  # Of a point, to be judged.
+MIN_OBJECT_POINTS = 50  # On a plane, to be judged.
+CAMERA_HEIGHT_M = 1.655  # Of kitti07, by its README.
+
+
+# ---- reading -------------------------------------------------------------------------------------
+
+
+def read_model(directory):
+    """Images {id: (name, R, t, keypoints, point ids)} and points {id: xyz} of a binary model."""
+    data = (directory / "images.bin").read_bytes()
+    (count,) = struct.unpack_from("<Q", data)
+    offset, images = 8, {}
+    for _ in range(count):
+        image_id, qw, qx, qy, qz, tx, ty, tz, _ = struct.unpack_from("<I7dI", data, offset)
+        offset += 64
+        end = data.index(b"\0", offset)
+        name = data[offset:end].decode()
+        (num,) = struct.unpack_from("<Q", data, end + 1)
+        offset = end + 9
+        table = np.frombuffer(data, np.dtype([("xy", "<f8", 2), ("id", "<i8")]), num, offset)
+        offset += 24 * num
+        images[image_id] = (name, rotation(qw, qx, qy, qz), np.array([tx, ty, tz]),
+                            table["xy"], table["id"])
+    data = (directory / "points3D.bin").read_bytes()
+    (count,) = struct.unpack_from("<Q", data)
+    offset, points = 8, {}
+    for _ in range(count):
+        point_id, x, y, z = struct.unpack_from("<Q3d", data, offset)
+        (length,) = struct.unpack_from("<Q", data, offset + 43)
+        offset += 51 + 8 * length
+        points[point_id] = np.array([x, y, z])
+    return images, points
+
+
+def rotation(w, x, y, z):
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])
+
+
+def read_tum(path):
+    rows = [line.split() for line in path.read_text().splitlines() if line and line[0] != "#"]
+    return np.array([[float(x) for x in row] for row in rows])
+
+
+def align(to, source):
+    """Scale, rotation and translation with to = s R source + t (Umeyama)."""
+    mean_to, mean_source = to.mean(0), source.mean(0)
+    u, singular, vt = np.linalg.svd((to - mean_to).T @ (source - mean_source) / len(to))
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
+    turn = u @ sign @ vt
+    scale = np.trace(np.diag(singular) @ sign) / ((source - mean_source) ** 2).sum(1).mean()
+    return scale, turn, mean_to - scale * turn @ mean_source
+
+
+def camera_centres(images, trajectory, rate_hz):
+    """Centres in the model and in the trajectory, frame numbers being the digits of the names."""
+    model, truth = [], []
+    for name, turn, shift, _, _ in images.values():
+        stamp = frame_number(name) / rate_hz if rate_hz else None
+        row = np.argmin(abs(trajectory[:, 0] - stamp)) if rate_hz else frame_number(name)
+        model.append(-turn.T @ shift)
+        truth.append(trajectory[row, 1:4])
+    return np.array(model), np.array(truth)
+
+
+def frame_number(name):
+    return int("".join(c for c in pathlib.Path(name).name.split(".")[0] if c.isdigit()))
+
+
+# ---- truth of redkitchen ---------------------------------------------------------------------------
+
+
+class KitchenTruth:
+    """True class and object of every point, from the clean masks at the point's keypoints."""
+
+    def __init__(self, folder, images, points):
+        self.objects = {o["id"]: o for o in json.loads((folder / "objects.json").read_text())
+                        ["objects"]}
+        frames = json.loads((folder / "truth_clean.json").read_text())["frames"]
+        document = json.loads((folder / "panoptic_clean.json").read_text())
+        self.things = {c["id"] for c in document["categories"] if c["isthing"]}
+        trajectory = read_tum(folder / "trajectory_colour_sfm.txt")
+        centres, truth = camera_centres(images, trajectory, 30.0)
+        self.alignment = align(truth, centres)
+        scale, turn, shift = self.alignment
+        self.alignment_rms = np.sqrt(
+            ((scale * centres @ turn.T + shift - truth) ** 2).sum(1).mean())
+        self.xyz = {i: scale * turn @ x + shift for i, x in points.items()}
+        self._vote(folder, frames, images)
+
+    def _vote(self, folder, frames, images):
+        votes = {}
+        for name, _, _, keypoints, ids in images.values():
+            file = "frame-%06d.png" % frame_number(name)
+            pixels = np.asarray(Image.open(folder / "panoptic_clean" / file)).astype(np.int64)
+            segment_ids = pixels[..., 0] + 256 * pixels[..., 1] + 65536 * pixels[..., 2]
+            height, width = segment_ids.shape
+            for (x, y), point in zip(keypoints, ids):
+                u, v = int(np.floor(x)), int(np.floor(y))
+                if point < 0 or not (0 <= u < width and 0 <= v < height):
+                    continue
+                info = frames[file].get(str(segment_ids[v, u]))
+                if info is None:
+                    continue
+                key = (info["category_id"], self._object(info, int(point)))
+                votes.setdefault(int(point), {}).setdefault(key, 0)
+                votes[int(point)][key] += 1
+        self.class_of, self.object_of, self.count = {}, {}, {}
+        for point, found in votes.items():
+            by_class = {}
+            for (category, _), n in found.items():
+                by_class[category] = by_class.get(category, 0) + n
+            self.class_of[point] = max(by_class, key=lambda c: (by_class[c], -c))
+            best = max(found, key=lambda k: (found[k], k))
+            self.object_of[point] = best[1]
+            self.count[point] = sum(found.values())
+
+    def _object(self, info, point):
+        """A stuff segment may span several planar objects: take the one whose plane is nearest."""
+        if info["category_id"] in self.things or len(info["objects"]) < 2:
+            return info["object"]
+        candidates = [int(i) for i in info["objects"] if int(i) in self.objects and
+                      "plane_sfm" in self.objects[int(i)]]
+        if not candidates:
+            return info["object"]
+        return min(candidates, key=lambda i: abs(self._distance(i, self.xyz[point])))
+
+    def _distance(self, object_id, x):
+        plane = self.objects[object_id]["plane_sfm"]
+        return np.dot(plane["n"], x) + plane["d"]
+
+
+# ---- measures --------------------------------------------------------------------------------------
+
+
+class Lifted:
+    """A result of s3-lift."""
+
+    def __init__(self, folder):
+        document = json.loads((folder / "semantics.json").read_text())
+        self.classes = document["class_table"]["classes"]
+        self.clusters = document["clusters"]
+        self.planes = document["planes"]
+        self.points = document["points"]
+        self.observations = dict(zip(self.points, document["num_mask_observations"]))
+        distributions = np.load(folder / "distributions.npy")
+        best = distributions.argmax(1)
+        self.confidence = dict(zip(self.points, distributions.max(1)))
+        self.point_class = {p: self.classes[b]["id"] for p, b in zip(self.points, best)}
+        self.label = dict(self.point_class)
+        self.cluster_of = {}
+        for cluster in self.clusters:
+            for point in cluster["points"]:
+                self.label[point] = cluster["class_id"]
+                self.cluster_of[point] = cluster["id"]
+
+
+def judged_points(lifted, truth):
+    return [p for p in lifted.points
+            if lifted.observations[p] >= MIN_OBSERVATIONS and p in truth.class_of]
+
+
+def class_measures(lifted, truth):
+    points = judged_points(lifted, truth)
+    right = np.array([lifted.point_class[p] == truth.class_of[p] for p in points])
+    confidence = np.array([lifted.confidence[p] for p in points])
+    calibration = 0.0
+    for low in np.arange(0.0, 1.0, 0.1):
+        inside = (confidence > low) & (confidence <= low + 0.1)
+        if inside.any():
+            calibration += inside.mean() * abs(confidence[inside].mean() - right[inside].mean())
+    final = np.mean([lifted.label[p] == truth.class_of[p] for p in points])
+    return {"points judged": len(points), "point accuracy": float(right.mean()),
+            "final accuracy": float(final), "calibration error": float(calibration)}
+
+
+def instance_measures(lifted, truth):
+    """Things only. Purity over the points of thing clusters, completeness over those of objects."""
+    points = judged_points(lifted, truth)
+    thing_clusters = {c["id"] for c in lifted.clusters if c["class_id"] in truth.things}
+    in_cluster, of_object = {}, {}
+    for p in points:
+        cluster, thing = lifted.cluster_of.get(p), truth.object_of[p]
+        if cluster in thing_clusters:
+            in_cluster.setdefault(cluster, []).append(thing)
+        if truth.class_of[p] in truth.things:
+            of_object.setdefault(thing, []).append(cluster if cluster in thing_clusters else None)
+    most = {c: max(set(v), key=lambda o: (v.count(o), -o)) for c, v in in_cluster.items()}
+    pure = sum(v.count(most[c]) for c, v in in_cluster.items())
+    complete = sum(max([v.count(c) for c in set(v) if c is not None], default=0)
+                   for v in of_object.values())
+    owners = [o for o in most.values() if o in of_object]
+    missed = [o for o, v in of_object.items() if len(v) >= 10 and o not in owners]
+    return {"purity": pure / max(1, sum(map(len, in_cluster.values()))),
+            "completeness": complete / max(1, sum(map(len, of_object.values()))),
+            "clusters per object": len(most) / max(1, len(set(owners))),
+            "objects": len(of_object), "missed objects": missed,
+            "split objects": sorted({o for o in owners if owners.count(o) > 1})}
+
+
+def plane_in_truth(plane, alignment):
+    scale, turn, shift = alignment
+    normal = turn @ np.array(plane["normal_in_world"])
+    return normal, scale * plane["offset"] - normal @ shift
+
+
+def plane_measures(lifted, truth):
+    on_object = {}
+    for p in judged_points(lifted, truth):
+        on_object.setdefault(truth.object_of[p], set()).add(p)
+    rows, normals = [], {}
+    for object_id, info in sorted(truth.objects.items()):
+        points = on_object.get(object_id, set())
+        if not info.get("plane_reliable") or len(points) < MIN_OBJECT_POINTS:
+            continue
+        shared = [(len(points & set(plane["inliers"])), -i) for i, plane in
+                  enumerate(lifted.planes)]
+        count, index = max(shared, default=(0, 0))
+        row = {"object": info["name"], "points": len(points), "inliers": count}
+        if count >= len(points) / 3:
+            normal, offset = plane_in_truth(lifted.planes[-index], truth.alignment)
+            true_normal, true_offset = np.array(info["plane_sfm"]["n"]), info["plane_sfm"]["d"]
+            centre = np.array(info["centroid_sfm"])
+            centre = centre - (true_normal @ centre + true_offset) * true_normal
+            row["normal_deg"] = float(np.degrees(np.arccos(np.clip(
+                abs(normal @ true_normal), 0, 1))))
+            row["offset_cm"] = float(100 * abs(normal @ centre + offset))
+            normals[info["name"]] = normal
+        rows.append(row)
+    found = [r for r in rows if "normal_deg" in r]
+    flat = [n for n in ("table_top", "floor_carpet", "worktop") if n in normals]
+    angles = [float(np.degrees(np.arccos(np.clip(abs(normals[a] @ normals[b]), 0, 1))))
+              for i, a in enumerate(flat) for b in flat[i + 1:]]
+    return {"planes due": len(rows), "planes found": len(found),
+            "normal deg (median)": float(np.median([r["normal_deg"] for r in found] or [np.nan])),
+            "offset cm (median)": float(np.median([r["offset_cm"] for r in found] or [np.nan])),
+            "horizontal planes apart deg (max)": max(angles, default=float("nan")),
+            "horizontal planes": flat, "wrong planes": wrong_planes(lifted, truth),
+            "per object": rows}
+
+
+def wrong_planes(lifted, truth):
+    """Planes most of whose inliers lie on an object that is not planar."""
+    wrong = []
+    for plane in lifted.planes:
+        owners = [truth.object_of[p] for p in plane["inliers"] if p in truth.object_of]
+        if not owners:
+            continue
+        owner = max(set(owners), key=owners.count)
+        if owner in truth.objects and not truth.objects[owner]["planar"]:
+            wrong.append(truth.objects[owner]["name"])
+    return wrong
+
+
+def road_measures(lifted, images, points, trajectory):
+    """Height of the cameras above the road plane each sees most of, in metres."""
+    centres, truth = camera_centres(images, trajectory, None)
+    scale, _, _ = align(truth, centres)
+    roads = [(set(p["inliers"]), np.array(p["normal_in_world"]), p["offset"])
+             for p in lifted.planes if p["class"] == "road"]
+    heights = []
+    for name, turn, shift, _, ids in images.values():
+        seen = set(int(i) for i in ids if i >= 0)
+        counts = [len(seen & inliers) for inliers, _, _ in roads]
+        if not counts or max(counts) < 10:
+            continue
+        _, normal, offset = roads[int(np.argmax(counts))]
+        heights.append(scale * abs(normal @ (-turn.T @ shift) + offset))
+    height = float(np.median(heights)) if heights else float("nan")
+    angles = [np.degrees(np.arccos(np.clip(abs(a[1] @ b[1]), 0, 1)))
+              for i, a in enumerate(roads) for b in roads[i + 1:]]
+    return {"road planes": len(roads), "cameras above a road": len(heights),
+            "camera height m (median)": height,
+            "camera height m (10 %, 90 %)": [float(x) for x in np.percentile(heights, [10, 90])]
+            if heights else [],
+            "height error %": 100 * abs(height / CAMERA_HEIGHT_M - 1),
+            "road planes apart deg (max)": float(max(angles, default=0.0))}
+
+
+# ---- running ---------------------------------------------------------------------------------------
+
+ARMS = {
+    "default": [],
+    "iou": ["instances=iou"],
+    "consensus": ["instances=consensus"],
+    "paper's Bayes": ["fusion.use_scores=false", "fusion.drop_border=false", "fusion.tempering=0"],
+    "majority": ["fusion.method=majority"],
+}
+
+
+def lift(binary, model, masks, classes, output, settings):
+    command = [str(binary), "--model", str(model), "--masks", str(masks), "--classes",
+               str(REPOSITORY / "configs" / "classes" / classes), "--output", str(output),
+               "--overwrite", "--quiet", "--progress", "none"]
+    for setting in settings:
+        command += ["--set", setting]
+    start = time.monotonic()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return Lifted(output), time.monotonic() - start
+
+
+def run_kitchen(arguments, results):
+    folder = arguments.data / "redkitchen"
+    model = arguments.redkitchen_model or folder / "colmap_model"
+    images, points = read_model(model)
+    truth = KitchenTruth(folder, images, points)
+    print(f"redkitchen: {len(images)} images, {len(points)} points, "
+          f"camera centres within {1000 * truth.alignment_rms:.1f} mm RMS")
+    header = ("masks", "arm", "class %", "final %", "ECE", "purity", "complete", "per object",
+              "missed", "planes", "deg", "cm", "parallel", "wrong", "s")
+    print(("{:<7}{:<15}" + "{:>10}" * 13).format(*header))
+    for masks in ("clean", "noisy"):
+        for arm, settings in ARMS.items():
+            lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / f"panoptic_{masks}",
+                                   "coco.json", arguments.output / "lift", settings)
+            measured = {**class_measures(lifted, truth), **instance_measures(lifted, truth),
+                        **plane_measures(lifted, truth), "seconds": seconds}
+            results[f"redkitchen {masks} {arm}"] = measured
+            print(("{:<7}{:<15}{:>10.2f}{:>10.2f}" + "{:>10.3f}" * 3 + "{:>10.2f}{:>10}{:>10}"
+                   "{:>10.2f}{:>10.2f}{:>10.2f}{:>10}{:>10.2f}").format(
+                masks, arm, 100 * measured["point accuracy"], 100 * measured["final accuracy"],
+                measured["calibration error"], measured["purity"], measured["completeness"],
+                measured["clusters per object"], len(measured["missed objects"]),
+                f"{measured['planes found']}/{measured['planes due']}",
+                measured["normal deg (median)"], measured["offset cm (median)"],
+                measured["horizontal planes apart deg (max)"], len(measured["wrong planes"]),
+                seconds))
+        print_planes(results[f"redkitchen {masks} default"])
+
+
+def print_planes(measured):
+    for row in measured["per object"]:
+        error = (f"{row['normal_deg']:8.2f} deg{row['offset_cm']:8.2f} cm"
+                 if "normal_deg" in row else "  not found")
+        print(f"    {row['object']:<28}{row['inliers']:>5} of {row['points']:>4} points{error}")
+
+
+def run_kitti(arguments, results):
+    folder = arguments.data / "kitti07"
+    model = arguments.kitti_model or folder / "colmap_model"
+    images, points = read_model(model)
+    trajectory = read_tum(folder / "groundtruth.txt")
+    print(f"\nkitti07: {len(images)} images, {len(points)} points")
+    for masks in ("panoptic", "panoptic_noisy"):
+        lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / masks, "cityscapes.json",
+                               arguments.output / "lift", [])
+        measured = road_measures(lifted, images, points, trajectory)
+        results[f"kitti07 {masks}"] = {**measured, "seconds": seconds}
+        print(f"{masks:<16}camera height {measured['camera height m (median)']:.3f} m, "
+              f"{measured['height error %']:.1f} % off; {measured['road planes']} road planes, "
+              f"{measured['cameras above a road']} cameras, {seconds:.2f} s")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=pathlib.Path, required=True)
+    parser.add_argument("--bin", type=pathlib.Path, required=True)
+    parser.add_argument("--output", type=pathlib.Path, required=True)
+    parser.add_argument("--redkitchen-model", type=pathlib.Path)
+    parser.add_argument("--kitti-model", type=pathlib.Path)
+    arguments = parser.parse_args()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    results = {}
+    run_kitchen(arguments, results)
+    run_kitti(arguments, results)
+    (arguments.output / "lifting.json").write_text(json.dumps(results, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
