@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cstring>
+#include <array>
 #include <limits>
 #include <sstream>
 
@@ -81,17 +81,32 @@ TEST_P(ColmapModelFormat, FileRoundTripIsExact) {
   EXPECT_TRUE(Identical(model, ReadColmapModel(dir.path())));
 }
 
+/// Reads the three parts, part `cut_part` without its end, and checks the result as
+/// ReadColmapModel does.
+void ReadCut(const Format& format, const std::array<std::string, 3>& contents, size_t cut_part,
+             size_t size) {
+  Reconstruction read;
+  for (size_t i = 0; i < contents.size(); ++i) {
+    std::istringstream stream(i == cut_part ? contents[i].substr(0, size) : contents[i]);
+    format.parts[i].read(stream, format.parts[i].file, read);
+  }
+  CheckReconstruction(read, "model");
+}
+
 TEST_P(ColmapModelFormat, EveryTruncationIsAnError) {
   const Reconstruction model = MakeTestScene({.num_images = 3, .num_points = 4});
-  for (const Format::Part& part : GetParam().parts) {
+  const Format& format = GetParam();
+  std::array<std::string, 3> contents;
+  for (size_t i = 0; i < contents.size(); ++i) {
     std::ostringstream stream;
-    part.write(model, stream);
-    const std::string whole = stream.str();
-    for (size_t size = 0; size < whole.size(); ++size) {
-      const TempDir dir;
-      GetParam().write_file(model, dir.path());
-      dir.Write(part.file, whole.substr(0, size));
-      EXPECT_THROW(ReadColmapModel(dir.path()), InputError) << part.file << " cut to " << size;
+    format.parts[i].write(model, stream);
+    contents[i] = stream.str();
+  }
+  for (size_t i = 0; i < contents.size(); ++i) {
+    EXPECT_NO_THROW(ReadCut(format, contents, i, contents[i].size()));
+    for (size_t size = 0; size < contents[i].size(); ++size) {
+      EXPECT_THROW(ReadCut(format, contents, i, size), InputError)
+          << format.parts[i].file << " cut to " << size;
     }
   }
 }

@@ -1,0 +1,142 @@
+#include "s3lam/io/image_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/rng.h"
+#include "support/temp_dir.h"
+
+namespace s3lam {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using testing::TempDir;
+using ::testing::ThrowsMessage;
+
+cv::Mat NoisyImage(int channels) {
+  Rng rng(11);
+  cv::Mat image(48, 64, CV_8UC(channels));
+  for (int i = 0; i < image.rows * image.cols * channels; ++i) {
+    image.data[i] = static_cast<uint8_t>(rng.Below(256));
+  }
+  return image;
+}
+
+std::string Encode(const char* extension, const cv::Mat& image,
+                   const std::vector<int>& parameters = {}) {
+  std::vector<uchar> bytes;
+  cv::imencode(extension, image, bytes, parameters);
+  return {bytes.begin(), bytes.end()};
+}
+
+class ImageFileFormat : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(ImageFileFormat, ReadsColourGrayAndSize) {
+  const TempDir dir;
+  const std::string name = std::string("image") + GetParam();
+  const auto path = dir.Write(name, Encode(GetParam(), NoisyImage(3)));
+  EXPECT_EQ(ReadImageFile(path, cv::IMREAD_ANYCOLOR).type(), CV_8UC3);
+  EXPECT_EQ(ReadImageFile(path, cv::IMREAD_GRAYSCALE).type(), CV_8UC1);
+  EXPECT_EQ(ReadImageFile(path, cv::IMREAD_ANYCOLOR).size(), cv::Size(64, 48));
+  EXPECT_EQ(ReadImageSize(path), cv::Size(64, 48));
+  EXPECT_TRUE(HasImageExtension(path));
+}
+
+TEST_P(ImageFileFormat, EveryTruncationIsAnErrorThatNamesTheFile) {
+  const TempDir dir;
+  const std::string name = std::string("image") + GetParam();
+  const std::string whole = Encode(GetParam(), NoisyImage(3));
+  for (size_t size = 0; size < whole.size(); size += 1 + whole.size() / 97) {
+    const auto path = dir.Write(name, whole.substr(0, size));
+    EXPECT_THAT([&] { (void)ReadImageFile(path, cv::IMREAD_ANYCOLOR); },
+                ThrowsMessage<InputError>(HasSubstr(name)))
+        << size;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, ImageFileFormat,
+                         ::testing::Values(".jpg", ".png", ".bmp", ".tif", ".ppm"),
+                         [](const auto& format) { return std::string(format.param + 1); });
+
+TEST(ImageFile, EveryByteCutFromAJpegIsNoticed) {
+  // OpenCV decodes all of these without a word.
+  const TempDir dir;
+  for (const int progressive : {0, 1}) {
+    const std::string whole =
+        Encode(".jpg", NoisyImage(3), {cv::IMWRITE_JPEG_PROGRESSIVE, progressive});
+    for (size_t cut = 1; cut <= 64; ++cut) {
+      const auto path = dir.Write("image.jpg", whole.substr(0, whole.size() - cut));
+      EXPECT_THAT([&] { (void)ReadImageFile(path, cv::IMREAD_ANYCOLOR); },
+                  ThrowsMessage<InputError>(HasSubstr("cut short")));
+    }
+    EXPECT_FALSE(ReadImageFile(dir.Write("image.jpg", whole), cv::IMREAD_ANYCOLOR).empty());
+  }
+}
+
+TEST(ImageFile, BytesAfterTheEndOfAnImageAreIgnored) {
+  const TempDir dir;
+  for (const char* extension : {".jpg", ".png"}) {
+    const std::string bytes = Encode(extension, NoisyImage(3)) + std::string(100, '\0') + "tail";
+    const auto path = dir.Write(std::string("image") + extension, bytes);
+    EXPECT_EQ(ReadImageFile(path, cv::IMREAD_ANYCOLOR).size(), cv::Size(64, 48));
+  }
+}
+
+TEST(ImageFile, AnEmbeddedPreviewDoesNotHideACut) {
+  // An application segment that holds a whole JPEG of its own, end marker included.
+  const TempDir dir;
+  const std::string whole = Encode(".jpg", NoisyImage(3));
+  const std::string preview = Encode(".jpg", NoisyImage(1)(cv::Rect(0, 0, 8, 8)).clone());
+  const size_t length = preview.size() + 2;
+  std::string segment = "\xFF\xE1";
+  segment += static_cast<char>(length >> 8);
+  segment += static_cast<char>(length & 0xFF);
+  segment += preview;
+  const std::string bytes = whole.substr(0, 2) + segment + whole.substr(2);
+  const auto path = dir.Write("image.jpg", bytes);
+  EXPECT_EQ(ReadImageSize(path), cv::Size(64, 48));
+  EXPECT_EQ(ReadImageFile(path, cv::IMREAD_ANYCOLOR).size(), cv::Size(64, 48));
+  dir.Write("image.jpg", bytes.substr(0, bytes.size() - 2));
+  EXPECT_THROW((void)ReadImageFile(path, cv::IMREAD_ANYCOLOR), InputError);
+}
+
+TEST(ImageFile, ExifOrientationIsNotApplied) {
+  // Orientation 6 (turn by 90 degrees) in a minimal EXIF segment.
+  const std::string exif(
+      "\xFF\xE1\x00\x22"
+      "Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0",
+      36);
+  const std::string whole = Encode(".jpg", NoisyImage(3));
+  const TempDir dir;
+  const auto path = dir.Write("image.jpg", whole.substr(0, 2) + exif + whole.substr(2));
+  ASSERT_EQ(cv::imread(path.string(), cv::IMREAD_ANYCOLOR).size(), cv::Size(48, 64));
+  EXPECT_EQ(ReadImageFile(path, cv::IMREAD_ANYCOLOR).size(), cv::Size(64, 48));
+}
+
+TEST(ImageFile, WhatIsNoImageIsRefused) {
+  const TempDir dir;
+  const auto expect_error = [&](const std::string& bytes, const std::string& message) {
+    const auto path = dir.Write("image.png", bytes);
+    EXPECT_THAT([&] { (void)ReadImageFile(path, cv::IMREAD_ANYCOLOR); },
+                ThrowsMessage<InputError>(AllOf(HasSubstr("image.png"), HasSubstr(message))));
+    EXPECT_THROW((void)ReadImageSize(path), InputError);
+  };
+  expect_error("", "empty");
+  expect_error("hello", "not an image");
+  EXPECT_THROW((void)ReadImageFile(dir / "absent.png", cv::IMREAD_ANYCOLOR), InputError);
+}
+
+TEST(ImageFile, ADamagedPngIsRefused) {
+  const TempDir dir;
+  std::string bytes = Encode(".png", NoisyImage(3));
+  bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] + 1);
+  EXPECT_THROW((void)ReadImageFile(dir.Write("image.png", bytes), cv::IMREAD_ANYCOLOR), InputError);
+}
+
+}  // namespace
+}  // namespace s3lam
