@@ -36,8 +36,9 @@ struct SceneEntry {
   void (*build)(Scene&);
 };
 constexpr SceneEntry kScenes[] = {
-    {"desk", synthetic::BuildDesk},
-    {"room", synthetic::BuildRoom},
+    {"desk", synthetic::BuildDesk},       {"floor", synthetic::BuildFloor},
+    {"posters", synthetic::BuildPosters}, {"room", synthetic::BuildRoom},
+    {"street", synthetic::BuildStreet},
 };
 
 }  // namespace

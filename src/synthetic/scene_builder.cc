@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "s3lam/base/error.h"
+#include "s3lam/synthetic/synthetic_map.h"
 
 namespace s3lam::synthetic {
 namespace {
@@ -94,6 +95,21 @@ Rigid3 Hanging(const Eigen::Vector3d& center, double yaw_rad) {
   // The frame's z axis becomes the horizontal direction (sin yaw, -cos yaw, 0), its y axis up.
   const Eigen::Quaterniond stand = QuaternionFromRotationVector({0.5 * std::numbers::pi, 0.0, 0.0});
   return {(QuaternionFromRotationVector({0.0, 0.0, yaw_rad}) * stand).normalized(), center};
+}
+
+void FitObjectPlane(Scene& scene, int object, const Eigen::Vector3d& normal) {
+  std::vector<Eigen::Vector3d> points;
+  for (const Surface& surface : scene.surfaces) {
+    if (surface.object != object || surface.shape != SurfaceShape::kPolygon) continue;
+    if (std::abs(PlaneOf(surface.corners).normal.dot(normal)) < 0.94) continue;
+    points.insert(points.end(), surface.corners.begin(), surface.corners.end());
+  }
+  const Plane plane = FitPlaneToPoints(points, points.front() + 1e3 * normal);
+  SceneObject& target = scene.objects[static_cast<size_t>(object)];
+  target.plane_in_world = plane;
+  for (const Eigen::Vector3d& point : points) {
+    target.flatness_m = std::max(target.flatness_m, std::abs(plane.SignedDistance(point)));
+  }
 }
 
 int SceneBuilder::AddObject(const std::string& name, int class_id) {

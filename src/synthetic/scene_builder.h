@@ -113,6 +113,10 @@ Rigid3 Standing(double x, double y, double z, double yaw_rad);
 /// lower edge and its normal follow from `yaw_rad`: the outward normal is (sin yaw, -cos yaw, 0).
 Rigid3 Hanging(const Eigen::Vector3d& center, double yaw_rad);
 
+/// Gives an object of several pieces the best plane through all of its polygons' corners that lie
+/// face up (normal along `normal` within 20 degrees), and their largest distance as its flatness.
+void FitObjectPlane(Scene& scene, int object, const Eigen::Vector3d& normal);
+
 // The scenes.
 void BuildDesk(Scene& scene);
 void BuildFloor(Scene& scene);

@@ -13,12 +13,12 @@ constexpr double kBackWallY = 1.1;
 
 void AddSurroundings(SceneBuilder& build) {
   const int floor = build.AddObject("floor", coco::kFloorWood);
-  build.AddParallelogram(floor, {-3.5, -3.5, 0.0}, {7.0, 0.0, 0.0}, {0.0, 7.0, 0.0},
+  build.AddParallelogram(floor, {-4.5, -3.5, 0.0}, {9.0, 0.0, 0.0}, {0.0, 7.0, 0.0},
                          build.Texture(TextureStyle::kWood, {150, 115, 80}, {80, 55, 35}, 0.003),
                          true);
   const int wall = build.AddObject("wall_back", coco::kWallOther);
   build.AddParallelogram(
-      wall, {-3.5, kBackWallY, 0.0}, {7.0, 0.0, 0.0}, {0.0, 0.0, 2.8},
+      wall, {-4.5, kBackWallY, 0.0}, {9.0, 0.0, 0.0}, {0.0, 0.0, 2.8},
       build.Texture(TextureStyle::kPlaster, {205, 200, 185}, {150, 140, 125}, 0.003), true);
   for (const double x : {-1.25, 0.1, 1.2}) {
     const int picture = build.AddObject("picture", coco::kPaper);
@@ -40,7 +40,7 @@ void AddThingsOnTable(SceneBuilder& build) {
   build.AddMonitor(on_table(-0.1, 0.25, 0.0), 0.55, rng.Uniform(0.05, 0.2));
   build.AddKeyboard(on_table(-0.1, -0.12, 0.0));
   const int mouse = build.AddObject("mouse", coco::kMouse);
-  build.AddEllipsoid(mouse, on_table(0.22, -0.14, 0.3), {0.03, 0.05, 0.03},
+  build.AddEllipsoid(mouse, on_table(0.2, -0.1, 0.3), {0.03, 0.05, 0.03},
                      build.ColorfulTexture(TextureStyle::kMottled, 0.001));
   // Two stacks of books and one lying alone.
   for (const double x : {0.5, -0.62}) {
@@ -54,7 +54,7 @@ void AddThingsOnTable(SceneBuilder& build) {
   }
   build.AddBook(on_table(0.22, 0.17, -0.5), {0.19, 0.25, 0.025});
   build.AddBulgingMagazine(on_table(-0.36, -0.24, 0.2), 0.36, 0.24);
-  build.AddSheet(on_table(0.28, -0.26, -0.3) * Standing(0.0, 0.0, 0.001, 0.0), 0.21, 0.297,
+  build.AddSheet(on_table(0.27, -0.28, -0.3) * Standing(0.0, 0.0, 0.001, 0.0), 0.21, 0.297,
                  coco::kPaper, TextureStyle::kPage);
   build.AddCup(on_table(0.35, 0.02, 0.0), 0.04, 0.1);
   build.AddCup(on_table(-0.47, 0.1, 0.0), 0.038, 0.09);

@@ -64,7 +64,7 @@ void AddPictures(SceneBuilder& build) {
     for (double along = -0.5 * wall.width + 0.5; along < 0.5 * wall.width - 0.4;
          along += rng.Uniform(0.95, 1.25)) {
       const int picture = build.AddObject("picture", coco::kPaper);
-      AddOnWall(build, picture, OnWall(wall, along, rng.Uniform(1.5, 1.8), 0.012),
+      AddOnWall(build, picture, OnWall(wall, along, rng.Uniform(1.3, 1.75), 0.012),
                 rng.Uniform(0.45, 0.8), rng.Uniform(0.4, 0.75),
                 build.ColorfulTexture(TextureStyle::kCover, 0.0025));
     }
@@ -144,11 +144,10 @@ void BuildRoom(Scene& scene) {
     const double angle = start + sense * 2.0 * kPi * kTurns * i / (kKnots - 1);
     const double x = std::cos(angle);
     const double y = std::sin(angle);
-    positions.emplace_back(0.95 * x, 0.75 * y, 1.45 + rng.Uniform(-0.06, 0.06));
+    positions.emplace_back(1.15 * x, 0.9 * y, 1.45 + rng.Uniform(-0.06, 0.06));
     // Ahead of the radius, so that what comes into view has parallax.
     const double gaze = angle + sense * 0.35;
-    targets.emplace_back(2.6 * std::cos(gaze), 2.2 * std::sin(gaze),
-                         1.1 + rng.Uniform(-0.08, 0.08));
+    targets.emplace_back(2.6 * std::cos(gaze), 2.2 * std::sin(gaze), 0.95 + rng.Uniform(-0.1, 0.1));
   }
   scene.path = CameraPath(positions, targets, kDuration, {0.008, 0.006, 0.8}, rng.Bits());
 }

@@ -122,8 +122,8 @@ void AddPoint(const Scene& scene, const FoundPoint& found, const SyntheticMapOpt
   map.truth.points.emplace(id, std::move(point));
   map.object_of_point[id] = object.id;
   map.on_plane[id] =
-      object.plane_in_world &&
-      std::abs(object.plane_in_world->SignedDistance(found.xyz)) < kOnPlaneTolerance_m;
+      object.plane_in_world && std::abs(object.plane_in_world->SignedDistance(found.xyz)) <
+                                   object.flatness_m + kOnPlaneTolerance_m;
 }
 
 // Random walk of similarities about the cameras' own centres: drifted_from_true of each image.

@@ -36,8 +36,6 @@ struct Surface {
   double angle_max = 4.0;
 
   TextureSpec texture;
-  /// Shift of the texture coordinates (m), for textures that continue from patch to patch.
-  Eigen::Vector2d texture_origin = Eigen::Vector2d::Zero();
 };
 
 /// A thing, or one stretch of stuff (a segment of a mask holds all stretches of its class).
@@ -49,6 +47,7 @@ struct SceneObject {
   /// The plane of its main face (normal towards the free side) if the object is planar; parts such
   /// as a book's edges or a table's legs do not lie on it.
   std::optional<Plane> plane_in_world;
+  double flatness_m = 0.0;  // Largest distance of its main face from that plane.
 };
 
 /// How the sensor spoils the picture.

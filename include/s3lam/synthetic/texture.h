@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <vector>
+#include <opencv2/core/mat.hpp>
 
 #include "s3lam/scene/reconstruction.h"
 
@@ -22,9 +22,9 @@ enum class TextureStyle {
   kTiles,     // Tiles of individual tones and veins.
   kMottled,   // Strong multi-scale blobs: stone, ceramics glaze, foliage.
   kFacade,    // House front: windows, doors, ledges on brick or plaster.
-  kAsphalt,   // Aggregate, patches, cracks; in world coordinates, so that pieces join.
-  kPavement,  // Slabs of individual tones; in world coordinates.
-  kGrass,     // In world coordinates.
+  kAsphalt,   // Aggregate, patches, cracks, stains.
+  kPavement,  // Slabs of individual tones.
+  kMarking,   // Worn road paint.
   kCarBody,   // Paint, windows, handles, trim.
 };
 
@@ -36,5 +36,9 @@ struct TextureSpec {
   Rgb secondary{90, 90, 90};
   double texel_m = 0.002;  // Size of a texel on the surface.
 };
+
+/// Paints the texture of a rectangle of this size (m): BGR, row 0 at the upper edge (v = size.y).
+/// At least 8 x 8 texels and at most 4096 along either side (texels then grow).
+cv::Mat PaintTexture(const TextureSpec& spec, const Eigen::Vector2d& size_m);
 
 }  // namespace s3lam
