@@ -1,0 +1,121 @@
+#include "s3lam/semantics/clusters.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "semantics/semantics_fixture.h"
+
+namespace s3lam {
+namespace {
+
+using testing::ObservationBuilder;
+
+ClassDistributions OneHot(const std::vector<int>& classes) {
+  ClassDistributions d = ClassDistributions::Zero(static_cast<Eigen::Index>(classes.size()), 3);
+  for (size_t i = 0; i < classes.size(); ++i) d(static_cast<Eigen::Index>(i), classes[i]) = 1.0F;
+  return d;
+}
+
+TEST(ClusterByClassAndInstance, VotesWithinThePointsClass) {
+  ObservationBuilder builder;
+  const int32_t a = builder.AddSegment(0, 1);
+  const int32_t b = builder.AddSegment(1, 1);
+  const int32_t other_class = builder.AddSegment(2, 2);
+  builder.AddPoint({a, b, other_class});
+  builder.AddPoint({b, other_class});
+  const InstanceAssignment instances{{4, 4, 7}, 8};
+  const auto clusters = ClusterByClassAndInstance(builder.result(), instances, OneHot({1, 2}));
+  ASSERT_EQ(clusters.size(), 2U);
+  EXPECT_EQ(clusters[0].class_index, 1);
+  EXPECT_EQ(clusters[0].points, std::vector<PointId>{builder.result().points[0]});
+  EXPECT_EQ(clusters[0].segments.size(), 2U);
+  EXPECT_EQ(clusters[1].class_index, 2);
+  EXPECT_EQ(clusters[1].points, std::vector<PointId>{builder.result().points[1]});
+}
+
+TEST(ClusterByInstance, TakesTheClassThePointsAgreeOn) {
+  ObservationBuilder builder;
+  const int32_t a = builder.AddSegment(0, 1);
+  const int32_t b = builder.AddSegment(1, 2);
+  for (int i = 0; i < 3; ++i) builder.AddPoint({a, b});
+  const auto clusters = ClusterByInstance(builder.result(), {{0, 0}, 1}, OneHot({1, 2, 1}));
+  ASSERT_EQ(clusters.size(), 1U);
+  EXPECT_EQ(clusters[0].class_index, 1);
+  EXPECT_EQ(clusters[0].points.size(), 3U);
+  EXPECT_EQ(clusters[0].segments.size(), 2U);
+}
+
+TEST(ClusterByInstance, BordersVoteOnlyAlone) {
+  ObservationBuilder builder;
+  const int32_t a = builder.AddSegment(0, 1);
+  const int32_t b = builder.AddSegment(1, 1);
+  const int32_t c = builder.AddSegment(2, 1);
+  builder.AddPoint({a, b, c});
+  builder.result().observations[0].near_border = true;
+  builder.result().observations[1].near_border = true;
+  const auto clusters = ClusterByInstance(builder.result(), {{0, 0, 1}, 2}, OneHot({1}));
+  ASSERT_EQ(clusters.size(), 1U);
+  EXPECT_EQ(clusters[0].segments.front(), builder.result().segments[2].ref);
+}
+
+/// Two clusters of ten points each, `apart` from each other along x; descriptors of the second
+/// equal those of the first for `shared` points.
+struct TwoClusters {
+  Reconstruction reconstruction;
+  DescriptorsByPoint descriptors;
+  std::vector<Cluster> clusters;
+
+  TwoClusters(double apart, size_t shared) {
+    clusters.resize(2);
+    for (size_t k = 0; k < 2; ++k) {
+      for (size_t i = 0; i < 10; ++i) {
+        const PointId id(100 * k + i);
+        reconstruction.points[id].xyz = {apart * static_cast<double>(k), 0.01 * static_cast<double>(i), 0};
+        std::array<uint8_t, 32>& d = descriptors[id];
+        d.fill(static_cast<uint8_t>(17 * i + 3));
+        for (size_t byte = 0; byte < 32 && k == 1 && i >= shared; ++byte) d[byte] ^= 0x55;
+        clusters[k].points.push_back(id);
+      }
+    }
+  }
+
+  int Merge() {
+    return MergeClusters(reconstruction, descriptors, 1.0, ClusterOptions{}, clusters);
+  }
+};
+
+TEST(MergeClusters, JoinsWhatLooksAlikeInOnePlace) {
+  TwoClusters scene(0.05, 9);
+  EXPECT_EQ(scene.Merge(), 1);
+  ASSERT_EQ(scene.clusters.size(), 1U);
+  EXPECT_EQ(scene.clusters[0].points.size(), 20U);
+  EXPECT_TRUE(std::is_sorted(scene.clusters[0].points.begin(), scene.clusters[0].points.end()));
+}
+
+TEST(MergeClusters, KeepsWhatDiffersOrLiesApart) {
+  EXPECT_EQ(TwoClusters(0.05, 8).Merge(), 0);  // 80 % is not more than 80 %.
+  EXPECT_EQ(TwoClusters(0.5, 10).Merge(), 0);
+  TwoClusters other_class(0.05, 10);
+  other_class.clusters[1].class_index = 1;
+  EXPECT_EQ(other_class.Merge(), 0);
+  TwoClusters no_descriptors(0.05, 10);
+  no_descriptors.descriptors.clear();
+  EXPECT_EQ(no_descriptors.Merge(), 0);
+}
+
+TEST(AddClusters, DropsSmallOnesAndNumbersTheRest) {
+  TwoClusters scene(2.0, 0);
+  scene.clusters[0].points.resize(3);
+  SemanticMap map;
+  for (const auto& [id, point] : scene.reconstruction.points) map.points.push_back(id);
+  AddClusters(scene.reconstruction, scene.clusters, ClusterOptions{}, map);
+  ASSERT_EQ(map.clusters.size(), 1U);
+  const Cluster& cluster = map.clusters.at(ClusterId(0));
+  EXPECT_TRUE(cluster.centroid_in_world.isApprox(Eigen::Vector3d(2.0, 0.045, 0.0)));
+  EXPECT_FALSE(map.cluster_of_point[0].valid());
+  EXPECT_EQ(map.cluster_of_point[10], ClusterId(0));
+}
+
+}  // namespace
+}  // namespace s3lam

@@ -1,0 +1,145 @@
+#include "s3lam/semantics/plane_fitting.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "s3lam/base/rng.h"
+#include "support/test_scene.h"
+
+namespace s3lam {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+/// A map with one cluster of class "wall" that holds all points.
+SemanticMap OneCluster(const Reconstruction& scene, bool is_planar) {
+  SemanticMap map;
+  map.class_table.classes.push_back({1, "wall", false, is_planar, false, 30, {}, {}});
+  Cluster cluster;
+  cluster.id = ClusterId(3);
+  for (const auto& [id, point] : scene.points) cluster.points.push_back(id);
+  map.clusters[cluster.id] = cluster;
+  return map;
+}
+
+Reconstruction FlatScene(int num_points = 200) {
+  testing::TestSceneOptions options;
+  options.planar = true;
+  options.num_points = num_points;
+  return testing::MakeTestScene(options);
+}
+
+/// The test scene with the points moved onto two walls that meet at a right angle (z = 0, x = 0).
+Reconstruction CornerScene() {
+  testing::TestSceneOptions options;
+  options.num_points = 400;
+  options.noise_px = 0.0;
+  Reconstruction scene = testing::MakeTestScene(options);
+  bool floor = false;
+  for (auto& [id, point] : scene.points) {
+    floor = !floor;
+    (floor ? point.xyz.z() : point.xyz.x()) = 0.0;
+  }
+  for (auto& [id, image] : scene.images) {
+    for (Point2D& keypoint : image.points2D) {
+      if (!keypoint.point_id.valid()) continue;
+      keypoint.xy = *scene.CameraOf(image).ImageFromCamera(image.cam_from_world *
+                                                           scene.points.at(keypoint.point_id).xyz);
+    }
+  }
+  return scene;
+}
+
+TEST(FitPlanes, FitsAFloorSeenFromAbove) {
+  const Reconstruction scene = FlatScene();
+  SemanticMap map = OneCluster(scene, true);
+  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  ASSERT_EQ(map.planes.size(), 1U);
+  const PlanarSurface& plane = map.planes.at(PlaneId(0));
+  EXPECT_EQ(plane.cluster_id, ClusterId(3));
+  EXPECT_GT(plane.plane_in_world.normal.z(), std::cos(0.5 * kDegree));
+  EXPECT_GT(plane.inliers.size(), 150U);
+  EXPECT_TRUE(std::is_sorted(plane.inliers.begin(), plane.inliers.end()));
+  for (const Eigen::Vector2d& corner : plane.extent) EXPECT_LT(corner.norm(), 1.5 * std::sqrt(2.0));
+}
+
+TEST(FitPlanes, FindsSeveralPlanesInACluster) {
+  const Reconstruction scene = CornerScene();
+  SemanticMap map = OneCluster(scene, true);
+  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  ASSERT_EQ(map.planes.size(), 2U);
+  EXPECT_NEAR(PlaneAngle(map.planes.at(PlaneId(0)).plane_in_world,
+                         map.planes.at(PlaneId(1)).plane_in_world),
+              90.0 * kDegree, 0.5 * kDegree);
+}
+
+TEST(FitPlanes, GivesClassesThatAreNotPlanarNone) {
+  const Reconstruction scene = FlatScene();
+  SemanticMap map = OneCluster(scene, false);
+  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  EXPECT_TRUE(map.planes.empty());
+}
+
+TEST(FitPlanes, WantsTheClassesMinimumOfInliers) {
+  const Reconstruction scene = FlatScene();
+  SemanticMap map = OneCluster(scene, true);
+  map.class_table.classes[0].min_plane_inliers = 201;
+  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  EXPECT_TRUE(map.planes.empty());
+}
+
+TEST(FitPlanes, RefusesPointsWithoutAnySurface) {
+  testing::TestSceneOptions options;
+  options.num_points = 300;  // All over a cube.
+  const Reconstruction scene = testing::MakeTestScene(options);
+  SemanticMap map = OneCluster(scene, true);
+  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  EXPECT_TRUE(map.planes.empty());
+}
+
+TEST(PointCovariance, IsLongAlongTheViewingDirection) {
+  Reconstruction scene;
+  const CameraId camera_id(1);
+  scene.cameras[camera_id] = testing::MakeTestCamera(CameraModel::kSimplePinhole, camera_id);
+  ScenePoint point;
+  point.xyz = {0, 0, 10};
+  for (uint32_t i = 0; i < 2; ++i) {
+    Image image;
+    image.id = ImageId(i);
+    image.camera_id = camera_id;
+    image.cam_from_world.translation = {i == 0 ? -0.5 : 0.5, 0, 0};
+    scene.images[image.id] = image;
+    point.track.push_back({image.id, 0});
+  }
+  const auto covariance = PointCovariance(scene, point, 1.0);
+  ASSERT_TRUE(covariance);
+  // Two rays at a base of 1: sigma_x = z / (f sqrt 2), sigma_z = sqrt 2 z^2 / (f b).
+  EXPECT_NEAR(std::sqrt((*covariance)(0, 0)), 10.0 / 500.0 / std::sqrt(2.0), 1e-3);
+  EXPECT_NEAR(std::sqrt((*covariance)(2, 2)), std::sqrt(2.0) * 100.0 / 500.0, 1e-2);
+  point.track.pop_back();
+  EXPECT_FALSE(PointCovariance(scene, point, 1.0));
+}
+
+TEST(EstimateKeypointSigma, RecoversTheNoise) {
+  testing::TestSceneOptions options;
+  options.noise_px = 0.8;
+  options.num_points = 500;
+  options.num_images = 40;  // Points stay at the truth, so the correction must be small.
+  EXPECT_NEAR(EstimateKeypointSigma(testing::MakeTestScene(options)), 0.8, 0.05);
+}
+
+TEST(ConvexHull, DropsInnerAndCollinearPoints) {
+  const auto hull = ConvexHull({{0, 0}, {1, 0}, {2, 0}, {2, 2}, {1, 1}, {0, 2}, {0, 1}, {0, 0}});
+  ASSERT_EQ(hull.size(), 4U);
+  EXPECT_EQ(hull[0], Eigen::Vector2d(0, 0));
+  EXPECT_EQ(hull[1], Eigen::Vector2d(2, 0));
+  EXPECT_EQ(hull[2], Eigen::Vector2d(2, 2));
+  EXPECT_EQ(hull[3], Eigen::Vector2d(0, 2));
+  EXPECT_EQ(ConvexHull({{0, 0}, {1, 1}, {2, 2}}).size(), 2U);
+  EXPECT_EQ(ConvexHull({{1, 1}}).size(), 1U);
+}
+
+}  // namespace
+}  // namespace s3lam
