@@ -1,0 +1,167 @@
+#!/usr/bin/env python3
+"""Accuracy of the stages on real sequences and on synthetic scenes.
+
+Every sequence goes through s3-slam, s3-lift and s3-refine, the last one without planes and with
+them. Writes results.json and results.md to the output folder and prints the tables. Needs only
+Python's standard library; every figure is measured.
+"""
+
+import argparse
+import dataclasses
+import os
+import pathlib
+import re
+import sys
+
+import planes
+import sequences
+import stages
+import tables
+
+
+def evaluate(programs, trajectory, references):
+    """ATE against every reference, and the alignment to the first one."""
+    reports = [programs.trajectory_error(trajectory, reference) for reference in references]
+    ate = {reference.name: report["ate"]["translation"]["rmse"]
+           for reference, report in zip(references, reports)}
+    return ate, reports[0]["truth_from_estimate"]
+
+
+def plane_angles(sequence, plane_file, alignment):
+    fitted = planes.read_planes(plane_file, alignment)
+    if sequence.true_planes:
+        return planes.compare(fitted, sequence.true_planes)
+    return planes.parallel_in_class(fitted, sequence.parallel_class)
+
+
+def measure_arm(programs, sequence, model, plane_file):
+    ate, alignment = evaluate(programs, model / "frames.txt", sequence.references)
+    arm = {"ate": ate}
+    if plane_file:
+        arm["plane_angles"] = plane_angles(sequence, plane_file, alignment)
+    return arm
+
+
+def run_slam(programs, sequence, output):
+    """What all kinds of masks share: the SLAM and the bundle adjustment without planes."""
+    report, cost = programs.slam(sequence.folder, output / "1_slam")
+    programs.refine(output / "1_slam", None, output / "3_refine_plain", ["planes.mode=off"])
+    return {"sequence": sequence.name, "frames": report["frames"],
+            "frames_localized": report["frames_localized"], "keyframes": report["keyframes"],
+            "points": report["points"], "costs": {"s3-slam": dataclasses.asdict(cost)}}
+
+
+def run_masks(programs, sequence, masks, shared, output, settings):
+    """Lifts one kind of masks and refines with the planes found."""
+    slam, plain = output / "1_slam", output / "3_refine_plain"
+    folder = sequence.masks[masks]
+    lifted, refined = output / f"2_lift_{masks}", output / f"3_refine_{masks}"
+    lift_report, lift_cost = programs.lift(slam, folder, sequence.classes, lifted)
+    # The planes of the map after the plain adjustment, fitted in the same way, to compare with.
+    lifted_plain = output / f"2_lift_plain_{masks}"
+    programs.lift(plain, folder, sequence.classes, lifted_plain)
+    report, cost = programs.refine(slam, lifted, refined, settings)
+    result = dict(shared, masks=masks)
+    result["planes"] = sum(c["planes"] for c in lift_report["classes"])
+    result["clusters"] = sum(c["clusters"] for c in lift_report["classes"])
+    result["plane_rms_sigma"] = [arm.get("plane_rms_sigma") for arm in report["arms"]]
+    result["plane_mode"] = report["plane_mode"]
+    result["costs"] = dict(shared["costs"], **{"s3-lift": dataclasses.asdict(lift_cost),
+                                               "s3-refine": dataclasses.asdict(cost)})
+    result["slam"] = measure_arm(programs, sequence, slam, lifted / "semantics.json")
+    result["plain"] = measure_arm(programs, sequence, plain, lifted_plain / "semantics.json")
+    result["planar"] = measure_arm(programs, sequence, refined, refined / "planes.json")
+    arms = [result[arm] for arm in ("slam", "plain", "planar")]
+    for arm, summary in zip(arms, planes.summarise([arm["plane_angles"] for arm in arms])):
+        arm["plane_summary"] = summary
+    return result
+
+
+def run_sequence(programs, sequence, output, settings):
+    stages.say(f"{sequence.name} ...")
+    shared = run_slam(programs, sequence, output)
+    if sequence.masks:
+        return [run_masks(programs, sequence, masks, shared, output, settings)
+                for masks in sequence.masks]
+    return [dict(shared, masks=None,
+                 slam=measure_arm(programs, sequence, output / "1_slam", None),
+                 plain=measure_arm(programs, sequence, output / "3_refine_plain", None))]
+
+
+def run_baselines(programs, folder, sequence_list):
+    """Other systems' trajectories <system>_<sequence>[_<run>]_frames.txt, measured as ours are."""
+    found = []
+    for sequence in sequence_list:
+        by_system = {}
+        for path in sorted(folder.glob("*_frames.txt")):
+            match = re.fullmatch(r"(\w+?)_" + sequence.name + r"(_\d+)?_frames\.txt", path.name)
+            if match:
+                by_system.setdefault(match.group(1), []).append(path)
+        for system, paths in by_system.items():
+            reports = [programs.trajectory_error(path, sequence.references[0]) for path in paths]
+            found.append({"sequence": sequence.name, "reference": sequence.references[0].name,
+                          "system": system,
+                          "runs": [{"ate": report["ate"]["translation"]["rmse"],
+                                    "frames": report["num_estimate"]} for report in reports]})
+    return found
+
+
+def real(arguments, programs):
+    chosen = [sequences.real_sequence(name, arguments.data) for name in arguments.sequences]
+    results = []
+    for sequence in chosen:
+        if not sequence.folder.is_dir():
+            sys.exit(f"{sequence.folder}: no such sequence")
+        results += run_sequence(programs, sequence, arguments.output / sequence.name, arguments.set)
+    return results, run_baselines(programs, arguments.data.parent / "baselines", chosen)
+
+
+def synthetic(arguments, programs):
+    results = []
+    for scene in arguments.scenes:
+        for seed in arguments.seeds:
+            output = arguments.output / f"{scene}_{seed}"
+            output.mkdir(parents=True, exist_ok=True)
+            programs.with_seed(seed).synthesise(scene, output / "scene")
+            sequence = sequences.synthetic_sequence(f"{scene} {seed}", output / "scene")
+            results += run_sequence(programs, sequence, output, arguments.set)
+    return results, []
+
+
+def parse_arguments():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
+    parser.add_argument("--output", type=pathlib.Path,
+                        default=sequences.ROOT / "benchmark-output" / "accuracy")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--data", type=pathlib.Path, help="folder of the real sequences")
+    what.add_argument("--synthetic", action="store_true", help="scenes made by s3-synth")
+    parser.add_argument("--sequences", nargs="+", choices=sorted(sequences.REAL),
+                        default=list(sequences.REAL))
+    parser.add_argument("--scenes", nargs="+", choices=sequences.SCENES, default=sequences.SCENES)
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                        help="for s3-refine with planes, e.g. planes.mode=fixed; may be repeated")
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    return parser.parse_args()
+
+
+def main():
+    arguments = parse_arguments()
+    programs = stages.Programs(arguments.bin, arguments.threads, seed=0)
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    try:
+        results, baselines = (real if arguments.data else synthetic)(arguments, programs)
+    except stages.StageFailed as error:
+        sys.exit(str(error))
+    text = tables.report(results, baselines)
+    stages.write_json(arguments.output / "results.json",
+                      {"version": programs.version(), "threads": arguments.threads,
+                       "settings": arguments.set, "results": results, "baselines": baselines})
+    (arguments.output / "results.md").write_text(text)
+    print(text)
+    stages.say(f"Written to {arguments.output}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,12 @@
+#!/usr/bin/env bash
+# Accuracy of the stages on real sequences and on synthetic scenes: one Markdown table and a JSON file.
+#
+#   benchmarks/accuracy/run.sh --data DIR [--sequences NAME...] [--output DIR]
+#   benchmarks/accuracy/run.sh --synthetic [--scenes NAME...] [--seeds N...] [--output DIR]
+#
+# Trajectories of other systems in DIR/../baselines are measured beside ours, by the same program.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+
+"$root/tools/build.sh" --programs
+exec python3 "$root/benchmarks/accuracy/run.py" --bin "$root/build/bin" "$@"

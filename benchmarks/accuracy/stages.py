@@ -1,0 +1,88 @@
+"""Runs the programs and measures what they cost."""
+
+import dataclasses
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+
+class StageFailed(Exception):
+    """A program ended with an error; the message is what it printed last."""
+
+
+@dataclasses.dataclass
+class Cost:
+    wall_s: float
+    cpu_s: float
+    peak_mib: float
+
+
+class Programs:
+    """The built programs, all run with the same threads and seed."""
+
+    def __init__(self, folder, threads, seed):
+        self._folder, self._threads = folder, threads
+        self._common = ["--quiet", "--progress", "none", "--threads", str(threads),
+                        "--seed", str(seed)]
+
+    def run(self, name, *arguments):
+        """Runs one program; returns its JSON report and its cost."""
+        command = [str(self._folder / name), *map(str, arguments), *self._common, "--json"]
+        start = time.monotonic()
+        with tempfile.TemporaryFile() as messages:
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=messages)
+            report = process.stdout.read()
+            # Not getrusage: that has only the largest of all children so far.
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            if process.returncode != 0:
+                messages.seek(0)
+                text = messages.read().decode(errors="replace").strip()
+                raise StageFailed(f"{' '.join(command)}\n{text} (exit code {process.returncode})")
+        cost = Cost(time.monotonic() - start, usage.ru_utime + usage.ru_stime,
+                    usage.ru_maxrss / 1024)
+        return json.loads(report) if report else {}, cost
+
+    def with_seed(self, seed):
+        return Programs(self._folder, self._threads, seed)
+
+    def slam(self, sequence, output):
+        return self.run("s3-slam", "--sequence", sequence, "--output", output, "--overwrite")
+
+    def lift(self, model, masks, classes, output):
+        return self.run("s3-lift", "--model", model, "--masks", masks, "--classes", classes,
+                        "--output", output, "--overwrite")
+
+    def refine(self, model, semantics, output, settings=()):
+        arguments = ["--semantics", semantics] if semantics else []
+        for setting in settings:
+            arguments += ["--set", setting]
+        return self.run("s3-refine", "--model", model, *arguments, "--output", output, "--overwrite")
+
+    def synthesise(self, scene, output):
+        return self.run("s3-synth", "--scene", scene, "--output", output, "--overwrite")
+
+    def trajectory_error(self, estimate, ground_truth):
+        """The report of s3-eval after Sim(3) alignment."""
+        report, _ = self.run("s3-eval", "--estimate", estimate, "--ground-truth", ground_truth)
+        return report["trajectory"]
+
+    def version(self):
+        line = subprocess.run([self._folder / "s3-slam", "--version"], check=True,
+                              capture_output=True, text=True).stdout
+        return line.strip()
+
+
+def write_json(path, value):
+    """Whole or not at all."""
+    beside = pathlib.Path(f"{path}.tmp-{os.getpid()}")
+    beside.write_text(json.dumps(value, indent=1) + "\n")
+    beside.replace(path)
+
+
+def say(text):
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,82 @@
+"""The result as Markdown."""
+
+import statistics
+
+
+def number(value, digits):
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def markdown(header, rows):
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(map(str, row)) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def accuracy_table(results):
+    """One line per sequence, kind of masks and reference; ATE in the reference's unit [m]."""
+    header = ["sequence", "masks", "frames", "keyframes", "points", "planes", "reference",
+              "ATE SLAM", "ATE BA without planes", "ATE planar BA"]
+    rows = []
+    for result in results:
+        for reference in result["slam"]["ate"]:
+            ate = [result[arm]["ate"][reference] if result.get(arm) else None
+                   for arm in ("slam", "plain", "planar")]
+            rows.append([result["sequence"], result["masks"] or "-",
+                         f"{result['frames_localized']}/{result['frames']}", result["keyframes"],
+                         result["points"], result.get("planes", "-"), reference,
+                         *(number(value, 4) for value in ate)])
+    return markdown(header, rows)
+
+
+def plane_table(results):
+    header = ["sequence", "masks", "true planes found", "normal off [deg]: SLAM", "BA without planes",
+              "planar BA", "parallel ones off [deg]: SLAM", "BA without planes", "planar BA",
+              "off the planes, RMS [sigma]: SLAM", "BA without planes", "planar BA"]
+    rows = []
+    for result in results:
+        if not result.get("planar"):
+            continue
+        arms = [result[arm]["plane_summary"] for arm in ("slam", "plain", "planar")]
+        found = (f"{arms[2]['found']}/{arms[2]['due']}" if arms[2].get("due") else "-")
+        rows.append([result["sequence"], result["masks"], found,
+                     *(number(a.get("normal_error_deg"), 2) for a in arms),
+                     *(number(a.get("parallel_off_deg"), 2) for a in arms),
+                     *(number(v, 2) for v in result["plane_rms_sigma"])])
+    return markdown(header, rows)
+
+
+def cost_table(results):
+    header = ["sequence", "masks", "s3-slam [s]", "s3-lift [s]", "s3-refine [s]", "peak [MiB]: s3-slam",
+              "s3-lift", "s3-refine"]
+    rows = []
+    for result in results:
+        costs = [result["costs"].get(stage) for stage in ("s3-slam", "s3-lift", "s3-refine")]
+        rows.append([result["sequence"], result["masks"] or "-",
+                     *(number(c and c["wall_s"], 1) for c in costs),
+                     *(number(c and c["peak_mib"], 0) for c in costs)])
+    return markdown(header, rows)
+
+
+def baseline_table(baselines):
+    """Median over the runs of each system (range in brackets), all frames it tracked."""
+    header = ["sequence", "reference", "system", "runs", "frames", "ATE"]
+    rows = []
+    for entry in baselines:
+        ate = [run["ate"] for run in entry["runs"]]
+        spread = f" ({min(ate):.4f} - {max(ate):.4f})" if len(ate) > 1 else ""
+        frames = statistics.median_low(run["frames"] for run in entry["runs"])
+        rows.append([entry["sequence"], entry["reference"], entry["system"], len(ate), frames,
+                     f"{statistics.median(ate):.4f}{spread}"])
+    return markdown(header, rows)
+
+
+def report(results, baselines):
+    text = "Trajectory error: RMSE of the positions after Sim(3) alignment, all localised frames.\n\n"
+    text += accuracy_table(results)
+    if any(result.get("planar") for result in results):
+        text += "\nPlanes: each arm fits its own map; medians over the true planes that all arms found.\n\n" + plane_table(results)
+    text += "\nCost: wall time and peak memory of each program.\n\n" + cost_table(results)
+    if baselines:
+        text += "\nOther systems on the same images.\n\n" + baseline_table(baselines)
+    return text

@@ -1,0 +1,93 @@
+#!/usr/bin/env bash
+# Runs the stages on one's own data: images (or a COLMAP model) and panoptic masks.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+bin=$root/build/bin
+
+usage() {
+  cat << 'EOF'
+usage: tools/run.sh (--sequence DIR|VIDEO | --model DIR) --masks DIR --classes FILE --output DIR [...]
+
+  --sequence DIR|VIDEO   images; runs s3-slam, s3-lift, s3-refine
+  --model DIR            a COLMAP model instead; runs s3-lift, s3-refine
+  --masks DIR            panoptic masks, named as the images
+  --classes FILE         class table, e.g. configs/classes/coco.json
+  --output DIR           receives 1_slam/, 2_lift/, 3_refine/
+  --overwrite            replace what an earlier run left in these folders
+
+  --ground-truth FILE    TUM or KITTI trajectory: adds the trajectory error to the final table,
+                         and a bundle adjustment without planes (3_refine_plain/) to compare with;
+                         needs --sequence
+  --camera FILE          camera.json, where the sequence does not bring one
+  --format NAME          of the sequence (default: auto)
+  --frames A:B:STEP      use only these frames
+  --mask-format NAME     of the masks (default: auto)
+  --mask-json FILE       COCO panoptic JSON, where it is not beside the masks
+  --slam-config FILE, --lift-config FILE, --refine-config FILE
+                         configuration of a stage (defaults: configs/*.json)
+  --threads N, --seed N, --progress bar|json|none, --quiet
+EOF
+}
+
+fail_usage() {
+  echo "run.sh: $1 (see --help)" >&2
+  exit 2
+}
+
+sequence='' model='' masks='' classes='' output='' ground_truth=''
+slam=() lift=() refine=() common=()
+while (($# > 0)); do
+  case $1 in
+    --help | -h) usage && exit 0 ;;
+    --overwrite | --quiet) common+=("$1") && shift && continue ;;
+  esac
+  (($# >= 2)) || fail_usage "$1: unknown, or without its value"
+  case $1 in
+    --sequence) sequence=$2 ;;
+    --model) model=$2 ;;
+    --masks) masks=$2 ;;
+    --classes) classes=$2 ;;
+    --output) output=$2 ;;
+    --ground-truth) ground_truth=$2 ;;
+    --camera | --format | --frames) slam+=("$1" "$2") ;;
+    --mask-format | --mask-json) lift+=("$1" "$2") ;;
+    --slam-config) slam+=(--config "$2") ;;
+    --lift-config) lift+=(--config "$2") ;;
+    --refine-config) refine+=(--config "$2") ;;
+    --threads | --seed | --progress) common+=("$1" "$2") ;;
+    *) fail_usage "$1: unknown" ;;
+  esac
+  shift 2
+done
+[[ -n $sequence || -n $model ]] || fail_usage "--sequence or --model is required"
+[[ -z $sequence || -z $model ]] || fail_usage "--sequence and --model exclude one another"
+[[ -n $masks ]] || fail_usage "--masks is required"
+[[ -n $classes ]] || fail_usage "--classes is required"
+[[ -n $output ]] || fail_usage "--output is required"
+[[ -z $ground_truth || -n $sequence ]] || fail_usage "--ground-truth needs --sequence"
+if [[ -n $ground_truth && ! -f $ground_truth ]]; then
+  echo "run.sh: $ground_truth: no such file" >&2
+  exit 3
+fi
+
+"$root/tools/build.sh" --programs
+mkdir -p "$output"
+trap 'rmdir --ignore-fail-on-non-empty "$output"' EXIT  # When the first stage refused its input.
+
+summary=()
+if [[ -n $sequence ]]; then
+  model=$output/1_slam
+  "$bin/s3-slam" --sequence "$sequence" --output "$model" "${slam[@]}" "${common[@]}" > /dev/null
+  summary+=(--slam "$model")
+fi
+"$bin/s3-lift" --model "$model" --masks "$masks" --classes "$classes" --output "$output/2_lift" \
+  "${lift[@]}" "${common[@]}" > /dev/null
+"$bin/s3-refine" --model "$model" --semantics "$output/2_lift" --output "$output/3_refine" \
+  "${refine[@]}" "${common[@]}" > /dev/null
+if [[ -n $ground_truth ]]; then
+  "$bin/s3-refine" --model "$model" --semantics "$output/2_lift" \
+    --output "$output/3_refine_plain" "${refine[@]}" "${common[@]}" --set planes.mode=off > /dev/null
+  summary+=(--plain "$output/3_refine_plain" --ground-truth "$ground_truth" --eval "$bin/s3-eval")
+fi
+python3 "$root/tools/summary.py" "${summary[@]}" --lift "$output/2_lift" \
+  --refine "$output/3_refine"
