@@ -95,12 +95,11 @@ void PaintFacade(Painter& p) {
 }
 
 void PaintAsphalt(Painter& p) {
-  p.AddNoiseOctaves(p.m(1.2), 4.0);
-  p.AddSoftBlobs(0.5, 0.1, 0.5, 18.0);   // Mended spots.
-  p.AddSoftBlobs(2.0, 0.02, 0.1, 35.0);  // Oil, chewing gum.
-  p.AddFlecks(14.0, 0.02, 0.15, 45.0);   // Leaves, litter, stones.
+  p.AddNoiseOctaves(p.m(1.2), 4.0, 1.25);  // Down to the aggregate.
+  p.AddSoftBlobs(0.5, 0.1, 0.5, 18.0);     // Mended spots.
+  p.AddSoftBlobs(2.0, 0.02, 0.1, 35.0);    // Oil, chewing gum.
+  p.AddFlecks(14.0, 0.02, 0.15, 45.0);     // Leaves, litter, stones.
   p.AddCracks(0.8, 1.6, 45.0);
-  p.AddNoise(1.5, 1.5, 14.0);  // Aggregate.
 }
 
 void PaintPavement(Painter& p) {

@@ -41,47 +41,66 @@ cv::Scalar Painter::Vary(const cv::Scalar& color, double amount) {
 
 void Painter::Fill(const cv::Scalar& color) { image_.setTo(color); }
 
-cv::Mat Painter::Noise(double cell_x, double cell_y) {
-  const int columns = static_cast<int>(std::ceil(width() / cell_x)) + 3;
-  const int rows = static_cast<int>(std::ceil(height() / cell_y)) + 3;
-  cv::Mat grid(rows, columns, CV_32F);
-  for (int y = 0; y < rows; ++y) {
-    for (int x = 0; x < columns; ++x) {
-      grid.at<float>(y, x) = static_cast<float>(rng_.Uniform(-1.0, 1.0));
+cv::Mat Painter::RandomGrid(cv::Size size, double amplitude) {
+  cv::Mat grid(size, CV_32F);
+  for (int y = 0; y < grid.rows; ++y) {
+    for (int x = 0; x < grid.cols; ++x) {
+      grid.at<float>(y, x) = static_cast<float>(amplitude * rng_.Uniform(-1.0, 1.0));
     }
   }
-  cv::Mat large;
-  cv::resize(grid, large,
-             cv::Size(std::max(width(), static_cast<int>(columns * cell_x)),
-                      std::max(height(), static_cast<int>(rows * cell_y))),
-             0.0, 0.0, cv::INTER_CUBIC);
-  return large(cv::Rect(0, 0, width(), height()));
+  return grid;
 }
 
-void Painter::AddNoise(double cell_x, double cell_y, double amplitude) {
-  const cv::Mat noise = Noise(std::max(1.0, cell_x), std::max(1.0, cell_y));
-  const auto gain = static_cast<float>(amplitude);
+// Each octave is added to the enlarged sum of the coarser ones, so that only the finest is handled
+// at nearly full size.
+cv::Mat Painter::OctaveNoise(double largest, double smallest, double growth) {
+  cv::Mat sum;
+  double amplitude = 1.0;
+  for (double cell = largest; sum.empty() || cell >= smallest; cell *= 0.5) {
+    const cv::Size size(static_cast<int>(std::ceil(width() / cell)) + 1,
+                        static_cast<int>(std::ceil(height() / cell)) + 1);
+    const cv::Mat grid = RandomGrid(size, amplitude);
+    if (sum.empty()) {
+      sum = grid;
+    } else {
+      cv::Mat enlarged;
+      cv::resize(sum, enlarged, size, 0.0, 0.0, cv::INTER_CUBIC);
+      sum = enlarged + grid;
+    }
+    amplitude *= growth;
+  }
+  cv::Mat full;
+  cv::resize(sum, full, image_.size(), 0.0, 0.0, cv::INTER_CUBIC);
+  return full;
+}
+
+void Painter::Add(const cv::Mat& noise, double gain) {
+  const auto factor = static_cast<float>(gain);
   for (int y = 0; y < height(); ++y) {
     auto* row = image_.ptr<cv::Vec3b>(y);
     const auto* value = noise.ptr<float>(y);
     for (int x = 0; x < width(); ++x) {
-      const int add = static_cast<int>(gain * value[x] + 256.5F) - 256;
+      const int add = static_cast<int>(factor * value[x] + 512.5F) - 512;  // Rounds.
       for (int k = 0; k < 3; ++k) row[x][k] = cv::saturate_cast<uint8_t>(row[x][k] + add);
     }
   }
 }
 
-void Painter::AddNoiseOctaves(double largest, double amplitude) {
-  for (double cell = largest; cell >= 1.4; cell *= 0.5) AddNoise(cell, cell, amplitude);
+void Painter::AddNoise(double cell_x, double cell_y, double amplitude) {
+  const cv::Size size(static_cast<int>(std::ceil(width() / std::max(1.0, cell_x))) + 1,
+                      static_cast<int>(std::ceil(height() / std::max(1.0, cell_y))) + 1);
+  cv::Mat full;
+  cv::resize(RandomGrid(size, 1.0), full, image_.size(), 0.0, 0.0, cv::INTER_CUBIC);
+  Add(full, amplitude);
+}
+
+void Painter::AddNoiseOctaves(double largest, double amplitude, double growth) {
+  constexpr double kSmallest = 1.4;
+  Add(OctaveNoise(std::max(largest, kSmallest), kSmallest, growth), amplitude);
 }
 
 void Painter::AddMottling(double largest) {
-  cv::Mat sum = cv::Mat::zeros(image_.size(), CV_32F);
-  double weight = 1.0;
-  for (double cell = largest; cell >= 2.0; cell *= 0.5) {
-    sum += weight * Noise(cell, cell);
-    weight *= 0.85;
-  }
+  const cv::Mat sum = OctaveNoise(largest, 2.0, 0.85);
   for (int y = 0; y < height(); ++y) {
     auto* row = image_.ptr<cv::Vec3b>(y);
     const auto* value = sum.ptr<float>(y);

@@ -33,9 +33,9 @@ class Painter {
   void Fill(const cv::Scalar& color);
   /// Adds smooth noise: random values on a grid of `cell_x` by `cell_y` texels, interpolated.
   void AddNoise(double cell_x, double cell_y, double amplitude);
-  /// Adds AddNoise of several cell sizes, from `largest` down to about one texel, halving; each has
-  /// the same amplitude.
-  void AddNoiseOctaves(double largest, double amplitude);
+  /// Adds noise of several cell sizes, from `largest` down to about one texel, halving; the
+  /// amplitude is multiplied by `growth` from each to the next finer one.
+  void AddNoiseOctaves(double largest, double amplitude, double growth = 1.0);
   /// Small irregular polygons of random tones: what corner detectors like. `count` per square metre
   /// of texture, their size log-uniform in metres.
   void AddFlecks(double count_per_m2, double min_m, double max_m, double contrast);
@@ -50,7 +50,9 @@ class Painter {
   [[nodiscard]] double AreaM2() const;
 
  private:
-  cv::Mat Noise(double cell_x, double cell_y);
+  cv::Mat RandomGrid(cv::Size size, double amplitude);
+  cv::Mat OctaveNoise(double largest, double smallest, double growth);
+  void Add(const cv::Mat& noise, double gain);
   std::string RandomWord();
 
   cv::Mat image_;  // BGR, 8 bit.

@@ -221,7 +221,7 @@ Surface& SceneBuilder::AddCylinder(int object, const Rigid3& world_from_base, do
 
 void SceneBuilder::AddLid(int object, const Rigid3& world_from_base, double radius, double height,
                           const TextureSpec& texture) {
-  constexpr int kCorners = 12;
+  constexpr int kCorners = 10;
   const auto rim = [&](int k) {
     const double angle = 2.0 * std::numbers::pi * k / kCorners;
     return world_from_base *

@@ -71,7 +71,8 @@ class SceneBuilder {
               unsigned faces, unsigned main, const TextureSpec& main_texture,
               const TextureSpec& other_texture);
 
-  /// A cylinder's mantle standing on world_from_base's z = 0.
+  /// A cylinder's mantle standing on world_from_base's z = 0. The references that these return hold
+  /// until the next surface is added.
   Surface& AddCylinder(int object, const Rigid3& world_from_base, double radius, double height,
                        const TextureSpec& texture);
   /// Four- or more-cornered disc is not needed: a lid is a square's inscribed octagon in two

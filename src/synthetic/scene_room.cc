@@ -133,7 +133,7 @@ void BuildRoom(Scene& scene) {
   AddFurniture(build);
 
   Rng rng = Rng(scene.seed).Fork(2);
-  constexpr double kDuration = 12.0;
+  constexpr double kDuration = 14.0;
   constexpr double kTurns = 1.12;
   constexpr int kKnots = 26;
   const double start = rng.Uniform(-kPi, kPi);

@@ -65,7 +65,7 @@ void Street::AddGround() {
   constexpr double kPiece = 3.0;
   const int road = build_.AddObject("road", cityscapes::kRoad);
   const TextureSpec asphalt =
-      build_.Texture(TextureStyle::kAsphalt, {112, 112, 114}, {70, 70, 74}, 0.012);
+      build_.Texture(TextureStyle::kAsphalt, {128, 128, 130}, {78, 78, 82}, 0.012);
   const TextureSpec slabs =
       build_.Texture(TextureStyle::kPavement, {160, 156, 150}, {95, 92, 88}, 0.012);
   const TextureSpec grass =
@@ -138,25 +138,28 @@ void Street::AddHouses(double side) {
 
 void Street::AddHouse(double side, double begin, double end, double offset) {
   Rng& rng = build_.rng();
-  constexpr double kDepth = 7.0;
+  constexpr double kDepth = 4.5;
   const int house = build_.AddObject("house", cityscapes::kBuilding);
   TextureSpec look = build_.ColorfulTexture(TextureStyle::kFacade, 0.012);
   for (size_t k = 0; k < 3; ++k) {  // Muted colours.
-    look.primary[k] = static_cast<uint8_t>(120 + look.primary[k] / 3);
-    look.secondary[k] = static_cast<uint8_t>(70 + look.secondary[k] / 4);
+    look.primary[k] = static_cast<uint8_t>(140 + look.primary[k] / 3);
+    look.secondary[k] = static_cast<uint8_t>(75 + look.secondary[k] / 4);
   }
   const double height = rng.Uniform(5.5, 9.0);
   const Eigen::Vector3d up(0.0, 0.0, height);
   Eigen::Vector3d a = At(begin, offset, -0.3);
   Eigen::Vector3d b = At(end, offset, -0.3);
   b.z() = a.z();                    // Houses stand upright on bent ground.
-  if (side > 0.0) std::swap(a, b);  // The front faces the road.
+  if (side < 0.0) std::swap(a, b);  // The front faces the road.
   Eigen::Vector3d back = (b - a).cross(Eigen::Vector3d::UnitZ()).normalized();
   if (back.dot(At(0.5 * (begin + end), 0.0) - a) > 0.0) back = -back;
   build_.AddParallelogram(house, a, b - a, up, look, true);
-  build_.AddParallelogram(house, a + kDepth * back, -kDepth * back, up, look);
-  build_.AddParallelogram(house, b, kDepth * back, up, look);
-  const TextureSpec tiles = build_.Texture(TextureStyle::kBrick, {150, 85, 65}, {95, 55, 45}, 0.02);
+  TextureSpec flank = look;
+  flank.style = TextureStyle::kBrick;
+  flank.texel_m = 0.02;
+  build_.AddParallelogram(house, a + kDepth * back, -kDepth * back, up, flank);
+  build_.AddParallelogram(house, b, kDepth * back, up, flank);
+  const TextureSpec tiles = build_.Texture(TextureStyle::kBrick, {150, 85, 65}, {95, 55, 45}, 0.03);
   build_.AddParallelogram(house, a + up - 0.3 * back, b - a,
                           4.0 * back + Eigen::Vector3d(0.0, 0.0, 2.6), tiles);
 }
@@ -168,7 +171,7 @@ void Street::AddGap(double side, double begin, double end, double offset) {
   const Eigen::Vector3d a = At(begin, offset, -0.3);
   Eigen::Vector3d b = At(end, offset, -0.3);
   b.z() = a.z();
-  build_.AddParallelogram(wall, side > 0.0 ? b : a, side > 0.0 ? a - b : b - a,
+  build_.AddParallelogram(wall, side > 0.0 ? a : b, side > 0.0 ? b - a : a - b,
                           {0.0, 0.0, build_.rng().Uniform(1.5, 2.2)},
                           build_.Texture(is_wall ? TextureStyle::kBrick : TextureStyle::kWood,
                                          {160, 130, 105}, {95, 75, 60}, 0.01),
@@ -235,9 +238,8 @@ void Street::AddCar(const Rigid3& world_from_base) {
   Rng& rng = build_.rng();
   const int car = build_.AddObject("car", cityscapes::kCar);
   const TextureSpec paint = build_.ColorfulTexture(TextureStyle::kCarBody, 0.006);
-  const TextureSpec glass = build_.Texture(TextureStyle::kFacade, {70, 80, 85}, {35, 40, 45}, 0.01);
-  TextureSpec window = glass;
-  window.style = TextureStyle::kScreen;
+  const TextureSpec window =
+      build_.Texture(TextureStyle::kPlain, {62, 70, 76}, {35, 40, 45}, 0.008);
   const TextureSpec tyre =
       build_.Texture(TextureStyle::kMottled, {40, 40, 42}, {75, 75, 78}, 0.006);
   const double length = rng.Uniform(3.7, 4.3);
