@@ -41,7 +41,8 @@ fs::path ParentOf(const fs::path& path) {
 
 }  // namespace
 
-OutputDirectory::OutputDirectory(fs::path target, bool overwrite) : target_(std::move(target)) {
+OutputDirectory::OutputDirectory(fs::path target, bool overwrite)
+    : target_(std::move(target)), overwrite_(overwrite) {
   if (!target_.has_filename()) target_ = target_.parent_path();  // "dir/" names "dir".
   if (target_.empty()) throw InputError("output directory: empty path");
   const fs::file_status status = fs::symlink_status(target_);
@@ -79,7 +80,7 @@ OutputDirectory::~OutputDirectory() {
 void OutputDirectory::Commit() {
   S3LAM_CHECK(!committed_);
   SyncTree(staging_);
-  const bool replaces = fs::exists(target_);
+  const bool replaces = overwrite_ && fs::exists(target_);
   const unsigned int flags = replaces ? RENAME_EXCHANGE : RENAME_NOREPLACE;
   if (renameat2(AT_FDCWD, staging_.c_str(), AT_FDCWD, target_.c_str(), flags) != 0) {
     throw std::runtime_error(fmt::format("{}: cannot put the result in place: {}", target_.string(),

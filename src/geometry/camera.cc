@@ -73,10 +73,16 @@ std::optional<Eigen::Vector2d> Camera::CameraFromImage(const Eigen::Vector2d& xy
     s3lam::ImageFromCamera(model, p.data(), xyz.data(), projected.data());
     const Eigen::Vector2d error(projected[0].a - xy.x(), projected[1].a - xy.y());
     if (!error.allFinite()) return std::nullopt;
-    if (error.norm() < kTolerancePx) return uv;
     Eigen::Matrix2d jacobian;
     jacobian.row(0) = projected[0].v.transpose();
     jacobian.row(1) = projected[1].v.transpose();
+    if (error.norm() < kTolerancePx) {
+      // A strong distortion maps several rays to one pixel; only around the axis, where both
+      // derivatives are positive, does the model describe a lens.
+      const double trace = jacobian(0, 0) / FocalX() + jacobian(1, 1) / FocalY();
+      if (jacobian.determinant() <= 0.0 || trace <= 0.0) return std::nullopt;
+      return uv;
+    }
     if (std::abs(jacobian.determinant()) < 1e-12) return std::nullopt;
     uv -= jacobian.inverse() * error;
   }

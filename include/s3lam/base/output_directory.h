@@ -21,13 +21,14 @@ class OutputDirectory {
   /// Where the result will be.
   [[nodiscard]] const std::filesystem::path& target() const { return target_; }
 
-  /// Throws std::runtime_error naming the file if flushing or renaming fails; the old target is
-  /// then still in place.
+  /// Throws std::runtime_error naming the file if flushing or renaming fails, or if a target has
+  /// appeared meanwhile that must not be replaced; what was there is then still in place.
   void Commit();
 
  private:
   std::filesystem::path target_;
   std::filesystem::path staging_;
+  bool overwrite_;
   bool committed_ = false;
 };
 

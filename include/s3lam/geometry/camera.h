@@ -61,7 +61,7 @@ struct Camera {
   /// Pixel [px] of a point in camera coordinates; empty for a point on or behind the image plane.
   [[nodiscard]] std::optional<Eigen::Vector2d> ImageFromCamera(const Eigen::Vector3d& xyz) const;
   /// Normalised coordinates (x/z, y/z) of a pixel, by Newton iteration on the distortion; empty if
-  /// it does not converge.
+  /// it does not converge, or only to a ray beyond the radius where the distortion folds back.
   [[nodiscard]] std::optional<Eigen::Vector2d> CameraFromImage(const Eigen::Vector2d& xy) const;
   /// The same, started from a guess.
   [[nodiscard]] std::optional<Eigen::Vector2d> CameraFromImage(const Eigen::Vector2d& xy,
