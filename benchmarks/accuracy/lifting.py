@@ -263,14 +263,15 @@ def plane_measures(lifted, truth):
 
 
 def wrong_planes(lifted, truth):
-    """Planes most of whose inliers lie on an object that is not planar."""
+    """Planes most of whose inliers lie on an object of a class that is not planar."""
+    planar_classes = {c["id"] for c in lifted.classes if c["planar"]}
     wrong = []
     for plane in lifted.planes:
         owners = [truth.object_of[p] for p in plane["inliers"] if p in truth.object_of]
         if not owners:
             continue
         owner = max(set(owners), key=owners.count)
-        if owner in truth.objects and not truth.objects[owner]["planar"]:
+        if owner in truth.objects and truth.objects[owner]["category_id"] not in planar_classes:
             wrong.append(truth.objects[owner]["name"])
     return wrong
 
@@ -333,9 +334,10 @@ def run_kitchen(arguments, results):
               "missed", "planes", "deg", "cm", "parallel", "wrong", "s")
     print(("{:<7}{:<15}" + "{:>10}" * 13).format(*header))
     for masks in ("clean", "noisy"):
-        for arm, settings in ARMS.items():
+        for arm in arguments.arms:
             lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / f"panoptic_{masks}",
-                                   "coco.json", arguments.output / "lift", settings)
+                                   "coco.json", arguments.output / "lift",
+                                   ARMS[arm] + arguments.settings)
             measured = {**class_measures(lifted, truth), **instance_measures(lifted, truth),
                         **plane_measures(lifted, truth), "seconds": seconds}
             results[f"redkitchen {masks} {arm}"] = measured
@@ -348,7 +350,7 @@ def run_kitchen(arguments, results):
                 measured["normal deg (median)"], measured["offset cm (median)"],
                 measured["horizontal planes apart deg (max)"], len(measured["wrong planes"]),
                 seconds))
-        print_planes(results[f"redkitchen {masks} default"])
+        print_planes(results[f"redkitchen {masks} {arguments.arms[0]}"])
 
 
 def print_planes(measured):
@@ -366,7 +368,7 @@ def run_kitti(arguments, results):
     print(f"\nkitti07: {len(images)} images, {len(points)} points")
     for masks in ("panoptic", "panoptic_noisy"):
         lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / masks, "cityscapes.json",
-                               arguments.output / "lift", [])
+                               arguments.output / "lift", arguments.settings)
         measured = road_measures(lifted, images, points, trajectory)
         results[f"kitti07 {masks}"] = {**measured, "seconds": seconds}
         print(f"{masks:<16}camera height {measured['camera height m (median)']:.3f} m, "
@@ -381,6 +383,9 @@ def main():
     parser.add_argument("--output", type=pathlib.Path, required=True)
     parser.add_argument("--redkitchen-model", type=pathlib.Path)
     parser.add_argument("--kitti-model", type=pathlib.Path)
+    parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=list(ARMS))
+    parser.add_argument("--set", action="append", default=[], dest="settings",
+                        metavar="KEY.PATH=VALUE", help="for s3-lift, on top of every arm")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     results = {}
