@@ -9,8 +9,6 @@
 namespace s3lam {
 namespace {
 
-constexpr std::array<std::string_view, 3> kPlaneModeNames{"off", "fixed", "joint"};
-
 class OuterLoop {
  public:
   /// `planes` may be null: without planes.
@@ -87,14 +85,6 @@ class OuterLoop {
 
 }  // namespace
 
-void PlaneOptions::Visit(OptionVisitor& v) {
-  v.Choice("mode", mode, kPlaneModeNames,
-           "off: plain bundle adjustment; fixed: planes held in a solve and fitted anew between "
-           "solves; joint: planes optimised too");
-  v.Group("sigma", sigma, "Strength of the point-plane terms.");
-  v.Group("membership", membership, "Which points lie on a plane.");
-}
-
 void OuterLoopOptions::Visit(OptionVisitor& v) {
   v.Value("max_iterations", max_iterations,
           "most rounds of solving and choosing inliers, without planes and again with them", 1,
@@ -113,13 +103,8 @@ std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings, Plan
   if (settings.planes.mode == PlaneMode::kOff || planes.planes.empty()) return {};
   map.problem.planes_are_constant = settings.planes.mode == PlaneMode::kFixed;
   FreezeUncertainty(map.problem, settings.solver.sigma_px, planes);
-  EstimateKappa(settings.planes.sigma, map.problem, settings.solver.sigma_px, planes);
-  RefitPlanes(settings.planes.sigma, settings.solver.sigma_px, planes, map.problem);
+  InitialisePlanes(settings.planes, settings.solver.sigma_px, planes, map.problem);
   return OuterLoop(settings, &planes, map).Run();
-}
-
-std::string PlaneModeName(PlaneMode mode) {
-  return std::string(kPlaneModeNames[static_cast<size_t>(mode)]);
 }
 
 }  // namespace s3lam

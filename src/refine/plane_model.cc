@@ -11,6 +11,7 @@ namespace s3lam {
 namespace {
 
 constexpr std::array<std::string_view, 3> kSigmaKindNames{"pixel", "relative_depth", "metric"};
+constexpr std::array<std::string_view, 3> kPlaneModeNames{"off", "fixed", "joint"};
 constexpr double kMedianOfAbsoluteUnitNormal = 0.6744897501960817;
 constexpr double kHuberPlane = 1.96;
 
@@ -119,6 +120,18 @@ void PlaneSigmaOptions::Visit(OptionVisitor& v) {
   v.Value("metres_per_unit", metres_per_unit, "length of a map unit (kind metric) [m]", 1e-9, 1e9);
 }
 
+void PlaneOptions::Visit(OptionVisitor& v) {
+  v.Choice("mode", mode, kPlaneModeNames,
+           "off: plain bundle adjustment; fixed: planes held in a solve and fitted anew between "
+           "solves; joint: planes optimised too");
+  v.Group("sigma", sigma, "Strength of the point-plane terms.");
+  v.Group("membership", membership, "Which points lie on a plane.");
+}
+
+std::string PlaneModeName(PlaneMode mode) {
+  return std::string(kPlaneModeNames[static_cast<size_t>(mode)]);
+}
+
 void MembershipOptions::Visit(OptionVisitor& v) {
   v.Value("max_sigma", max_sigma,
           "points farther from their plane have no term (1.96: 95 % of chi-squared with 1 dof)",
@@ -166,50 +179,6 @@ void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel
   model.median_depth = *middle;
 }
 
-void EstimateKappa(const PlaneSigmaOptions& options, const BundleProblem& problem, double sigma_px,
-                   PlaneModel& model) {
-  struct Sample {
-    double squared_distance, triangulation_variance, squared_unit;
-  };
-  std::vector<std::vector<Sample>> samples(model.kappa_of_class.size());
-  for (size_t k = 0; k < model.planes.size(); ++k) {
-    for (const int i : model.planes[k].candidates) {
-      if (!(model.pixel_size[i] > 0.0)) continue;
-      const double distance = Distance(problem, static_cast<int>(k), i);
-      const double unit = sigma_px * model.pixel_size[i];
-      samples[model.planes[k].class_index].push_back(
-          {distance * distance, NormalVariance(model, problem, static_cast<int>(k), i),
-           unit * unit});
-    }
-  }
-  const auto median_sigmas = [](const std::vector<Sample>& of_class, double kappa) {
-    std::vector<double> sigmas;
-    for (const Sample& s : of_class) {
-      sigmas.push_back(std::sqrt(s.squared_distance /
-                                 (s.triangulation_variance + kappa * kappa * s.squared_unit)));
-    }
-    const auto middle = sigmas.begin() + static_cast<std::ptrdiff_t>(sigmas.size() / 2);
-    std::nth_element(sigmas.begin(), middle, sigmas.end());
-    return *middle;
-  };
-  for (size_t c = 0; c < samples.size(); ++c) {
-    if (samples[c].empty()) continue;
-    double low = options.min_kappa;
-    model.kappa_of_class[c] = low;
-    if (median_sigmas(samples[c], low) <= kMedianOfAbsoluteUnitNormal) continue;
-    double high = low;
-    do {
-      high *= 2.0;
-    } while (median_sigmas(samples[c], high) > kMedianOfAbsoluteUnitNormal && high < 1e9);
-    for (int step = 0; step < 30; ++step) {
-      const double middle = 0.5 * (low + high);
-      (median_sigmas(samples[c], middle) > kMedianOfAbsoluteUnitNormal ? low : high) = middle;
-    }
-    model.kappa_of_class[c] = high;
-  }
-  for (PlaneState& plane : model.planes) plane.kappa = model.kappa_of_class[plane.class_index];
-}
-
 double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
                   const PlaneState& plane, int point) {
   switch (options.kind) {
@@ -230,7 +199,7 @@ void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& 
     if (!state.in_use) continue;
     std::vector<UncertainPoint> points;
     std::vector<size_t> all;
-    for (const int i : state.members.empty() ? state.candidates : state.members) {
+    for (const int i : state.members) {
       if (!(model.pixel_size[i] > 0.0)) continue;
       const double sigma = PlaneSigma(options, model, sigma_px, state, i);
       all.push_back(points.size());
@@ -246,6 +215,94 @@ void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& 
     }
     plane = AnchoredPlane::FromPlane(fitted, plane.anchor_in_world);
   }
+}
+
+namespace {
+
+/// Rounds of InitialisePlanes, and how near [sigma] to its plane a point must be to speak for
+/// kappa.
+constexpr int kInitialRounds = 5;
+constexpr double kKappaGate = 3.0;
+
+struct KappaSample {
+  double squared_distance, triangulation_variance, squared_unit;
+};
+
+double MedianSigmas(const std::vector<KappaSample>& samples, double kappa) {
+  std::vector<double> sigmas;
+  sigmas.reserve(samples.size());
+  for (const KappaSample& s : samples) {
+    sigmas.push_back(std::sqrt(s.squared_distance /
+                               (s.triangulation_variance + kappa * kappa * s.squared_unit)));
+  }
+  const auto middle = sigmas.begin() + static_cast<std::ptrdiff_t>(sigmas.size() / 2);
+  std::nth_element(sigmas.begin(), middle, sigmas.end());
+  return *middle;
+}
+
+/// The median falls as kappa grows: bisection.
+double SolveKappa(const std::vector<KappaSample>& samples, double min_kappa) {
+  constexpr double kMaxKappa = 1e9;
+  double low = min_kappa;
+  if (samples.empty() || MedianSigmas(samples, low) <= kMedianOfAbsoluteUnitNormal) return low;
+  double high = low;
+  do {
+    high *= 2.0;
+  } while (MedianSigmas(samples, high) > kMedianOfAbsoluteUnitNormal && high < kMaxKappa);
+  for (int step = 0; step < 30; ++step) {
+    const double middle = 0.5 * (low + high);
+    (MedianSigmas(samples, middle) > kMedianOfAbsoluteUnitNormal ? low : high) = middle;
+  }
+  return high;
+}
+
+void EstimateKappa(double min_kappa, double sigma_px, const BundleProblem& problem,
+                   PlaneModel& model) {
+  std::vector<std::vector<KappaSample>> samples(model.kappa_of_class.size());
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    const int plane = static_cast<int>(k);
+    for (const int i : model.planes[k].members) {
+      const double distance = Distance(problem, plane, i);
+      const double unit = sigma_px * model.pixel_size[i];
+      samples[model.planes[k].class_index].push_back(
+          {distance * distance, NormalVariance(model, problem, plane, i), unit * unit});
+    }
+  }
+  for (size_t c = 0; c < samples.size(); ++c) {
+    if (!samples[c].empty()) model.kappa_of_class[c] = SolveKappa(samples[c], min_kappa);
+  }
+  for (PlaneState& plane : model.planes) plane.kappa = model.kappa_of_class[plane.class_index];
+}
+
+/// Members are the candidates within `gate` sigmas, none of them being pulled by the plane yet.
+void GateMembers(const PlaneSigmaOptions& options, double sigma_px, double gate,
+                 const BundleProblem& problem, PlaneModel& model) {
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    PlaneState& state = model.planes[k];
+    state.members.clear();
+    for (const int i : state.candidates) {
+      if (!(model.pixel_size[i] > 0.0)) continue;
+      const int plane = static_cast<int>(k);
+      if (Innovation(Distance(problem, plane, i), NormalVariance(model, problem, plane, i),
+                     PlaneSigma(options, model, sigma_px, state, i), false) <= gate) {
+        state.members.push_back(i);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& model,
+                      BundleProblem& problem) {
+  GateMembers(options.sigma, sigma_px, std::numeric_limits<double>::infinity(), problem, model);
+  for (int round = 0; round < kInitialRounds; ++round) {
+    EstimateKappa(options.sigma.min_kappa, sigma_px, problem, model);
+    GateMembers(options.sigma, sigma_px, options.membership.max_sigma, problem, model);
+    RefitPlanes(options.sigma, sigma_px, model, problem);
+    GateMembers(options.sigma, sigma_px, kKappaGate, problem, model);
+  }
+  for (PlaneState& plane : model.planes) plane.members.clear();
 }
 
 MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,

@@ -10,20 +10,6 @@
 
 namespace s3lam {
 
-enum class PlaneMode {
-  kOff,    // Global bundle adjustment only.
-  kFixed,  // The paper: planes held fixed in a solve, fitted anew between solves.
-  kJoint,  // Planes are optimised together with poses and points.
-};
-
-struct PlaneOptions {
-  PlaneMode mode = PlaneMode::kJoint;
-  PlaneSigmaOptions sigma;
-  MembershipOptions membership;
-
-  void Visit(OptionVisitor& v);
-};
-
 struct OuterLoopOptions {
   int max_iterations = 6;
   double max_changed = 1e-3;
@@ -57,8 +43,5 @@ std::vector<OuterIteration> AdjustPlain(const OuterLoopSettings& settings, Bundl
 /// none has enough points near it. Logs and throws as above.
 std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings, PlaneModel& planes,
                                          BundleMap& map);
-
-/// "off", "fixed", ...
-std::string PlaneModeName(PlaneMode mode);
 
 }  // namespace s3lam

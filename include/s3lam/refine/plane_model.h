@@ -36,6 +36,23 @@ struct MembershipOptions {
   void Visit(OptionVisitor& v);
 };
 
+enum class PlaneMode {
+  kOff,    // Global bundle adjustment only.
+  kFixed,  // The paper: planes held fixed in a solve, fitted anew between solves.
+  kJoint,  // Planes are optimised together with poses and points.
+};
+
+/// "off", "fixed", ...
+std::string PlaneModeName(PlaneMode mode);
+
+struct PlaneOptions {
+  PlaneMode mode = PlaneMode::kJoint;
+  PlaneSigmaOptions sigma;
+  MembershipOptions membership;
+
+  void Visit(OptionVisitor& v);
+};
+
 /// One plane and the points that may lie on it. Indices are into BundleProblem's tables.
 struct PlaneState {
   PlaneId id;
@@ -65,17 +82,18 @@ PlaneModel BuildPlaneModel(const MembershipOptions& options, const SemanticMap& 
 /// Recomputes what an outer iteration keeps frozen: pixel sizes and covariances.
 void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel& model);
 
-/// Sets kappa per class from the distances of the candidates at present, by the MAD: the value for
-/// which |distance| / sqrt(triangulation^2 + (kappa sigma_px z / f)^2) has the median of a unit
-/// normal's; at least min_kappa.
-void EstimateKappa(const PlaneSigmaOptions& options, const BundleProblem& problem, double sigma_px,
-                   PlaneModel& model);
+/// Finds the planes among their candidates as the points are now, together with kappa per class, in
+/// rounds: kappa by the MAD of the points near their plane (the value for which |distance| /
+/// sqrt(triangulation^2 + (kappa sigma_px z / f)^2) has the median of a unit normal's; at least
+/// min_kappa), planes fitted anew to their inliers. Planes start where they were handed over.
+void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& model,
+                      BundleProblem& problem);
 
 /// Standard deviation of the distance of a point to its plane [map units].
 double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
                   const PlaneState& plane, int point);
 
-/// Fits every plane in use to its members anew (to its candidates if it has no members yet).
+/// Fits every plane in use to its members anew.
 void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& model,
                  BundleProblem& problem);
 

@@ -1,0 +1,292 @@
+#include "s3lam/refine/pipeline.h"
+
+#include <gtest/gtest.h>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/options_json.h"
+#include "s3lam/geometry/alignment.h"
+#include "s3lam/synthetic/synthetic_map.h"
+
+namespace s3lam::refine {
+namespace {
+
+SyntheticMap MakeMap(const std::vector<std::string>& assignments = {}) {
+  SyntheticMapOptions options;
+  options.num_images = 16;
+  options.num_points = 700;
+  options.max_track_window = 4;
+  options.pixel_sigma = 0.7;
+  options.point_sigma = 0.005;
+  options.center_sigma = 0.003;
+  options.rotation_sigma_deg = 0.1;
+  for (const std::string& assignment : assignments) SetOption(assignment, options);
+  return MakeSyntheticMap("desk", 3, options);
+}
+
+Input InputOf(const SyntheticMap& map) {
+  Input input;
+  input.model = map.estimate;
+  input.semantics = map.semantics;
+  return input;
+}
+
+Options WithMode(PlaneMode mode) {
+  Options options;
+  options.planes.mode = mode;
+  return options;
+}
+
+/// Camera centres of the images that `reference` has.
+std::vector<Eigen::Vector3d> Centers(const Reconstruction& model, const Reconstruction& reference) {
+  std::vector<Eigen::Vector3d> centers;
+  for (const auto& [id, image] : reference.images) {
+    centers.push_back(model.images.at(id).cam_from_world.CenterInB());
+  }
+  return centers;
+}
+
+/// RMSE of camera centres after Sim(3) alignment with the truth [m].
+double Ate(const Reconstruction& model, const Reconstruction& truth) {
+  const auto a = Centers(truth, truth);
+  const auto b = Centers(model, truth);
+  const auto truth_from_model = AlignPoints(a, b);
+  EXPECT_TRUE(truth_from_model.has_value());
+  double sum = 0.0;
+  for (size_t i = 0; i < a.size(); ++i) sum += (a[i] - *truth_from_model * b[i]).squaredNorm();
+  return std::sqrt(sum / static_cast<double>(a.size()));
+}
+
+bool SameBytes(const Reconstruction& a, const Reconstruction& b) {
+  if (a.points.size() != b.points.size() || a.images.size() != b.images.size()) return false;
+  for (const auto& [id, image] : a.images) {
+    const Rigid3& other = b.images.at(id).cam_from_world;
+    if (image.cam_from_world.rotation.coeffs() != other.rotation.coeffs()) return false;
+    if (image.cam_from_world.translation != other.translation) return false;
+  }
+  for (const auto& [id, point] : a.points) {
+    if (!b.points.contains(id) || point.xyz != b.points.at(id).xyz) return false;
+  }
+  return true;
+}
+
+TEST(Refine, RecoversFromNoiseAndPlanesHelp) {
+  const SyntheticMap map = MakeMap();
+  Output plain;
+  Output fixed;
+  Output joint;
+  refine::Run(WithMode(PlaneMode::kOff), InputOf(map), plain);
+  refine::Run(WithMode(PlaneMode::kFixed), InputOf(map), fixed);
+  const Report report = refine::Run(WithMode(PlaneMode::kJoint), InputOf(map), joint);
+  const double before = Ate(map.estimate, map.truth);
+  const double without_planes = Ate(plain.model, map.truth);
+  EXPECT_LT(without_planes, 0.5 * before);
+  EXPECT_LT(Ate(fixed.model, map.truth), without_planes);
+  EXPECT_LT(Ate(joint.model, map.truth), without_planes);
+  ASSERT_EQ(report.arms.size(), 3u);
+  EXPECT_LT(report.arms[2].plane_rms_sigma, 0.5 * report.arms[1].plane_rms_sigma);
+  EXPECT_LT(report.arms[2].reprojection_rms_px, 1.1 * report.arms[1].reprojection_rms_px);
+  EXPECT_GT(report.planes.size(), 3u);
+}
+
+TEST(Refine, TheGaugeIsHeld) {
+  const SyntheticMap map = MakeMap();
+  for (const PlaneMode mode : {PlaneMode::kOff, PlaneMode::kFixed, PlaneMode::kJoint}) {
+    Output output;
+    const Report report = refine::Run(WithMode(mode), InputOf(map), output);
+    EXPECT_LT(std::abs(report.gauge_scale_change), 1e-9);
+    const Rigid3& before = map.estimate.images.begin()->second.cam_from_world;
+    const Rigid3& after = output.model.images.begin()->second.cam_from_world;
+    EXPECT_EQ((before.translation - after.translation).norm(), 0.0);
+    EXPECT_LT(RotationAngle(before.rotation, after.rotation), 1e-12);
+  }
+}
+
+class RefineScaleTest : public ::testing::TestWithParam<double> {};
+
+TEST_P(RefineScaleTest, ScalingTheMapChangesNothingButTheScale) {
+  const SyntheticMap map = MakeMap();
+  const double scale = GetParam();
+  Input scaled = InputOf(map);
+  const Similarity3 scaling{scale, Eigen::Quaterniond::Identity(), Eigen::Vector3d::Zero()};
+  TransformReconstruction(scaling, scaled.model);
+  for (auto& [id, plane] : scaled.semantics.planes) {
+    plane.plane_in_world = TransformPlane(scaling, plane.plane_in_world);
+    plane.centroid_in_world *= scale;
+  }
+  Output reference;
+  Output output;
+  const Report reference_report = refine::Run(WithMode(PlaneMode::kJoint), InputOf(map), reference);
+  const Report report = refine::Run(WithMode(PlaneMode::kJoint), scaled, output);
+  EXPECT_EQ(report.membership.members, reference_report.membership.members);
+  const auto a = Centers(reference.model, map.truth);
+  const auto b = Centers(output.model, map.truth);
+  const double depth = MedianDepth(reference.model);
+  for (size_t i = 0; i < a.size(); ++i) EXPECT_LT((a[i] - b[i] / scale).norm(), 1e-5 * depth);
+}
+
+INSTANTIATE_TEST_SUITE_P(Scales, RefineScaleTest, ::testing::Values(0.01, 100.0));
+
+TEST(Refine, OffAndWithoutPlanesAreTheSame) {
+  const SyntheticMap map = MakeMap();
+  Input without_planes = InputOf(map);
+  without_planes.semantics = {};
+  Output off;
+  Output empty;
+  const Report off_report = refine::Run(WithMode(PlaneMode::kOff), InputOf(map), off);
+  const Report empty_report = refine::Run(WithMode(PlaneMode::kJoint), without_planes, empty);
+  EXPECT_TRUE(SameBytes(off.model, empty.model));
+  EXPECT_TRUE(off_report.note.empty());
+  EXPECT_NE(empty_report.note.find("no planes given"), std::string::npos);
+}
+
+TEST(Refine, TheSameInputGivesTheSameBytes) {
+  const SyntheticMap map = MakeMap();
+  Output first;
+  Output second;
+  refine::Run(Options(), InputOf(map), first);
+  refine::Run(Options(), InputOf(map), second);
+  EXPECT_TRUE(SameBytes(first.model, second.model));
+}
+
+TEST(Refine, WrongLabelsDoNoHarm) {
+  const SyntheticMap map = MakeMap({"wrong_label_fraction=0.3"});
+  Output plain;
+  Output planar;
+  refine::Run(WithMode(PlaneMode::kOff), InputOf(map), plain);
+  refine::Run(Options(), InputOf(map), planar);
+  EXPECT_LE(Ate(planar.model, map.truth), 1.05 * Ate(plain.model, map.truth));
+}
+
+TEST(Refine, OutlierObservationsAreDropped) {
+  const SyntheticMap map = MakeMap({"outlier_fraction=0.03"});
+  Output output;
+  const Report report = refine::Run(Options(), InputOf(map), output);
+  const double total = static_cast<double>(report.observations.total);
+  EXPECT_GT(static_cast<double>(report.observations.outliers), 0.025 * total);
+  EXPECT_LT(static_cast<double>(report.observations.outliers), 0.04 * total);
+  EXPECT_EQ(output.model.NumObservations(), report.observations.used);
+  CheckReconstruction(output.model, "output");
+  CheckSemanticMap(output.semantics, output.model, "output");
+}
+
+TEST(Refine, FramesFollowTheKeyframes) {
+  const SyntheticMap map = MakeMap();
+  Input input = InputOf(map);
+  double time = 10.0;
+  for (const auto& [id, image] : input.model.images) {
+    input.image_times_s.push_back(time);
+    input.frames.push_back({time, image.cam_from_world.Inverse()});
+    time += 0.5;
+  }
+  Output output;
+  refine::Run(Options(), input, output);
+  ASSERT_EQ(output.frames.size(), input.frames.size());
+  ASSERT_EQ(output.keyframes.size(), input.frames.size());
+  for (size_t i = 0; i < output.frames.size(); ++i) {
+    EXPECT_LT((output.frames[i].world_from_camera.translation -
+               output.keyframes[i].world_from_camera.translation)
+                  .norm(),
+              1e-9);
+  }
+}
+
+// ---- degenerate input: a clear error or a sound result ----
+
+TEST(RefineBadInput, NoImagesOrNoPointsOrOneImage) {
+  const SyntheticMap map = MakeMap();
+  Output output;
+  EXPECT_THROW(refine::Run(Options(), Input(), output), InputError);
+  Input no_points = InputOf(map);
+  no_points.semantics = {};
+  no_points.model.points.clear();
+  for (auto& [id, image] : no_points.model.images) image.points2D.clear();
+  EXPECT_THROW(refine::Run(Options(), no_points, output), InputError);
+}
+
+/// Keeps the first `count` images and what they see.
+Reconstruction FirstImages(const Reconstruction& model, size_t count) {
+  Reconstruction part = model;
+  while (part.images.size() > count) part.images.erase(std::prev(part.images.end()));
+  for (auto& [id, point] : part.points) {
+    std::erase_if(point.track, [&](const TrackElement& element) {
+      return !part.images.contains(element.image_id);
+    });
+  }
+  return part;
+}
+
+TEST(RefineBadInput, OneImageIsRefusedAndTwoAreEnough) {
+  const SyntheticMap map = MakeMap();
+  Output output;
+  Input one;
+  one.model = FirstImages(map.estimate, 1);
+  EXPECT_THROW(refine::Run(Options(), one, output), InputError);
+  Input two;
+  two.model = FirstImages(map.estimate, 2);
+  two.semantics = map.semantics;
+  const Report report = refine::Run(Options(), two, output);
+  EXPECT_EQ(report.num_images_in_use, 2u);
+  EXPECT_LT(report.arms.back().reprojection_rms_px, 1.5);
+}
+
+TEST(RefineBadInput, PointsBehindCamerasAreLeftOut) {
+  const SyntheticMap map = MakeMap();
+  Input input = InputOf(map);
+  const Image& image = input.model.images.begin()->second;
+  const Eigen::Vector3d behind = image.cam_from_world.Inverse() * Eigen::Vector3d(0.0, 0.0, -5.0);
+  size_t observations = 0;
+  for (auto& [id, point] : input.model.points) {
+    if (observations > 100) break;
+    point.xyz = behind;
+    observations += point.track.size();
+  }
+  Output output;
+  const Report report = refine::Run(Options(), input, output);
+  EXPECT_GT(report.observations.behind + report.observations.outliers + report.observations.too_few,
+            90u);
+  EXPECT_LT(Ate(output.model, map.truth), Ate(map.estimate, map.truth));
+}
+
+TEST(RefineBadInput, RepeatedObservationsUnusedCamerasAndBlindImages) {
+  const SyntheticMap map = MakeMap();
+  Input input = InputOf(map);
+  input.model.cameras[CameraId(77)] = input.model.cameras.begin()->second;
+  Image blind = input.model.images.rbegin()->second;
+  blind.id = ImageId(900);
+  blind.points2D = {{{100.0, 100.0}, kInvalidPointId}};
+  input.model.images[blind.id] = blind;
+  // One point twice in one image.
+  auto& [point_id, point] = *input.model.points.begin();
+  Image& image = input.model.images.at(point.track.front().image_id);
+  Point2D again = image.points2D[point.track.front().point2D_index];
+  again.xy.x() += 0.5;
+  point.track.push_back({image.id, static_cast<uint32_t>(image.points2D.size())});
+  image.points2D.push_back(again);
+  ScenePoint unseen;
+  unseen.xyz = point.xyz;
+  input.model.points[PointId(999999)] = unseen;
+
+  Output output;
+  const Report report = refine::Run(Options(), input, output);
+  EXPECT_EQ(report.num_images, report.num_images_in_use + 1);
+  EXPECT_LT(Ate(output.model, map.truth), 0.5 * Ate(map.estimate, map.truth));
+  // The blind image went along with the one it stood on.
+  const Eigen::Vector3d carried = output.model.images.at(blind.id).cam_from_world.CenterInB();
+  const Eigen::Vector3d neighbour =
+      std::prev(std::prev(output.model.images.end()))->second.cam_from_world.CenterInB();
+  EXPECT_LT((carried - neighbour).norm(), 1e-9);
+  EXPECT_FALSE(output.model.points.contains(PointId(999999)));
+  CheckReconstruction(output.model, "output");
+}
+
+TEST(RefineBadInput, ARefusedSolveThrowsAndGivesNothing) {
+  const SyntheticMap map = MakeMap();
+  Options options;
+  options.solver.max_iterations = -1;
+  Output output;
+  EXPECT_THROW(refine::Run(options, InputOf(map), output), std::runtime_error);
+  EXPECT_TRUE(output.model.images.empty());
+}
+
+}  // namespace
+}  // namespace s3lam::refine
