@@ -15,6 +15,9 @@ size_t Reconstruction::NumObservations() const {
 
 namespace {
 
+/// Which keypoints of each image have been met in a track.
+using TrackedKeypoints = std::map<ImageId, std::vector<bool>>;
+
 void CheckImage(const Reconstruction& reconstruction, const Image& image,
                 const std::string& source) {
   if (!reconstruction.cameras.contains(image.camera_id)) {
@@ -35,15 +38,11 @@ void CheckImage(const Reconstruction& reconstruction, const Image& image,
     if (!point2D.xy.allFinite()) {
       ThrowInputError("{}: image {} keypoint {} is not finite", source, image.id.value(), i);
     }
-    if (point2D.point_id.valid() && !reconstruction.points.contains(point2D.point_id)) {
-      ThrowInputError("{}: image {} keypoint {} observes point {}, which does not exist", source,
-                      image.id.value(), i, point2D.point_id.value());
-    }
   }
 }
 
 void CheckPoint(const Reconstruction& reconstruction, PointId id, const ScenePoint& point,
-                const std::string& source) {
+                TrackedKeypoints& tracked, const std::string& source) {
   if (!point.xyz.allFinite()) {
     ThrowInputError("{}: point {} is not finite", source, id.value());
   }
@@ -62,6 +61,25 @@ void CheckPoint(const Reconstruction& reconstruction, PointId id, const ScenePoi
       ThrowInputError("{}: point {} and keypoint {} of image {} do not refer to each other", source,
                       id.value(), element.point2D_index, element.image_id.value());
     }
+    std::vector<bool>::reference met = tracked.at(element.image_id)[element.point2D_index];
+    if (met) {
+      ThrowInputError("{}: keypoint {} of image {} is twice in the track of point {}", source,
+                      element.point2D_index, element.image_id.value(), id.value());
+    }
+    met = true;
+  }
+}
+
+/// Every keypoint that observes a point has to be in that point's track.
+void CheckAllTracked(const Reconstruction& reconstruction, const Image& image,
+                     const std::vector<bool>& tracked, const std::string& source) {
+  for (size_t i = 0; i < image.points2D.size(); ++i) {
+    const PointId id = image.points2D[i].point_id;
+    if (!id.valid() || tracked[i]) continue;
+    const bool exists = reconstruction.points.contains(id);
+    ThrowInputError("{}: image {} keypoint {} observes point {}, which {}", source,
+                    image.id.value(), i, id.value(),
+                    exists ? "does not have it in its track" : "does not exist");
   }
 }
 
@@ -71,19 +89,16 @@ void CheckReconstruction(const Reconstruction& reconstruction, const std::string
   for (const auto& [id, camera] : reconstruction.cameras) {
     camera.Check(fmt::format("{}: camera {}", source, id.value()));
   }
-  for (const auto& [id, image] : reconstruction.images) CheckImage(reconstruction, image, source);
-  size_t num_in_tracks = 0;
-  for (const auto& [id, point] : reconstruction.points) {
-    CheckPoint(reconstruction, id, point, source);
-    num_in_tracks += point.track.size();
-  }
-  size_t num_in_images = 0;
+  TrackedKeypoints tracked;
   for (const auto& [id, image] : reconstruction.images) {
-    for (const Point2D& point2D : image.points2D) num_in_images += point2D.point_id.valid();
+    CheckImage(reconstruction, image, source);
+    tracked.emplace_hint(tracked.end(), id, std::vector<bool>(image.points2D.size()));
   }
-  if (num_in_images != num_in_tracks) {
-    ThrowInputError("{}: {} keypoints observe a point, but tracks have {} elements", source,
-                    num_in_images, num_in_tracks);
+  for (const auto& [id, point] : reconstruction.points) {
+    CheckPoint(reconstruction, id, point, tracked, source);
+  }
+  for (const auto& [id, image] : reconstruction.images) {
+    CheckAllTracked(reconstruction, image, tracked.at(id), source);
   }
 }
 

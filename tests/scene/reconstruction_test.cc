@@ -60,9 +60,9 @@ const Fault kFaults[] = {
      [](auto& r) { FirstObservation(r).point_id = kInvalidPointId; }},
     {"KeypointOfAnotherPoint", "do not refer to each other",
      [](auto& r) { FirstObservation(r).point_id = r.points.rbegin()->first; }},
-    {"KeypointWithoutTrack", "keypoints observe a point",
+    {"KeypointWithoutTrack", "does not have it in its track",
      [](auto& r) { FirstPoint(r).track.pop_back(); }},
-    {"TrackElementTwice", "keypoints observe a point",
+    {"TrackElementTwice", "is twice in the track",
      [](auto& r) { FirstPoint(r).track.push_back(FirstPoint(r).track[0]); }},
 };
 
