@@ -86,6 +86,13 @@ FrameFeatures::FrameFeatures(std::vector<Keypoint> keypoints,
   }
 }
 
+void FrameFeatures::Move(int i, const Eigen::Vector2d& pixel, const Eigen::Vector2d& undistorted,
+                         double sigma) {
+  keypoints_[i].pixel = pixel.cast<float>();
+  keypoints_[i].undistorted = undistorted.cast<float>();
+  keypoints_[i].sigma = static_cast<float>(sigma);
+}
+
 int FrameFeatures::Column(double x) const {
   const double cell = (x - lower_.x()) * cells_per_px_.x();
   return static_cast<int>(std::clamp(cell, 0.0, kColumns - 1.0));

@@ -1,9 +1,11 @@
 #include "s3lam/slam/initializer.h"
 
+#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 #include "s3lam/geometry/triangulation.h"
 #include "s3lam/optim/pose_refinement.h"
@@ -20,6 +22,8 @@ constexpr double kFirstFlow = 0.03;    // Median flow, of the longer side, that 
 constexpr double kFlowGrowth = 1.4;    // Between tries.
 constexpr double kCappedError = 9.0;   // [sigma^2]
 constexpr int kNumViews = 4;           // First, two between, last.
+constexpr double kMinErrorGain = 2.5;  // Of a map over a mere rotation.
+constexpr double kLowQuantile = 0.2;   // Of the parallaxes: also what is far must be seen well.
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
 /// A keypoint of the starting frame, followed.
@@ -88,12 +92,9 @@ int ExtendTracks(const FrameFeatures& start, const FrameFeatures& next, double r
 
 class PairEvaluator {
  public:
-  PairEvaluator(const InitializerOptions& options, const FeatureOptions& feature_options,
-                const std::vector<FrameFeatures>& frames, const Undistorter& undistorter)
-      : options_(options),
-        sigmas_(LevelSigmas(feature_options)),
-        frames_(frames),
-        camera_(undistorter.intrinsics()) {}
+  PairEvaluator(const InitializerOptions& options, const std::vector<FrameFeatures>& frames,
+                const Undistorter& undistorter)
+      : options_(options), frames_(frames), camera_(undistorter.intrinsics()) {}
 
   /// The map that tracks from frame `start` to start + gap give, if they have the parallax.
   std::optional<InitialPair> Evaluate(int start, int gap, const std::vector<Track>& tracks) {
@@ -115,8 +116,10 @@ class PairEvaluator {
       const auto pair = EvaluateMotion(b_from_a);
       if (pair && (!best || pair->mean_squared_error < best->mean_squared_error)) best = pair;
     }
+    if (best) best->rotation_only_error = RotationOnlyError();
     if (!best || static_cast<int>(best->points.size()) < options_.min_points ||
-        best->parallax_deg < options_.min_parallax_deg) {
+        best->parallax_deg < options_.min_parallax_deg ||
+        best->rotation_only_error < kMinErrorGain * best->mean_squared_error) {
       return std::nullopt;
     }
     return best;
@@ -132,7 +135,7 @@ class PairEvaluator {
     return frames_[views_[view]].keypoint(keypoint).undistorted.cast<double>();
   }
   [[nodiscard]] double InverseSigma(const Track& track, int view) const {
-    return 1.0 / sigmas_[frames_[views_[view]].keypoint(KeypointOf(track, view)).level];
+    return 1.0 / frames_[views_[view]].keypoint(KeypointOf(track, view)).sigma;
   }
 
   /// Triangulates from the outer views, poses the inner ones, adjusts, and scores over all tracks.
@@ -172,6 +175,65 @@ class PairEvaluator {
       problem.points.push_back(*point);
     }
     return point_of_track;
+  }
+
+  /// Mean squared error, in sigma and capped, of the best rotations from the first view to the
+  /// others: what the tracks would look like without any parallax.
+  [[nodiscard]] double RotationOnlyError() const {
+    double sum = 0.0;
+    size_t count = 0;
+    for (int view = 1; view < kNumViews; ++view) {
+      std::vector<Eigen::Vector3d> from;
+      std::vector<Eigen::Vector3d> to;
+      std::vector<Eigen::Vector2d> pixels;
+      std::vector<double> inverse_sigmas;
+      for (const Track* track : tracks_) {
+        const auto pixel = Pixel(*track, view);
+        if (!pixel) continue;
+        from.push_back(camera_.Normalize(*Pixel(*track, 0)).homogeneous().normalized());
+        to.push_back(camera_.Normalize(*pixel).homogeneous().normalized());
+        pixels.push_back(*pixel);
+        inverse_sigmas.push_back(InverseSigma(*track, view));
+      }
+      const Rigid3 turn = FitRotation(from, to, pixels, inverse_sigmas);
+      for (size_t i = 0; i < from.size(); ++i) {
+        sum += std::min(SquaredError(camera_, turn, from[i], pixels[i], inverse_sigmas[i]),
+                        kCappedError);
+        ++count;
+      }
+    }
+    return count > 0 ? sum / static_cast<double>(count) : 0.0;
+  }
+
+  /// Rotation that takes bearings to bearings, fitted again to the half that agrees best.
+  [[nodiscard]] Rigid3 FitRotation(const std::vector<Eigen::Vector3d>& from,
+                                   const std::vector<Eigen::Vector3d>& to,
+                                   const std::vector<Eigen::Vector2d>& pixels,
+                                   const std::vector<double>& inverse_sigmas) const {
+    Rigid3 turn;
+    std::vector<size_t> order(from.size());
+    std::iota(order.begin(), order.end(), size_t{0});
+    for (int round = 0; round < 4; ++round) {
+      Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+      for (const size_t i : order) covariance += to[i] * from[i].transpose();
+      const Eigen::JacobiSVD<Eigen::Matrix3d> svd(covariance,
+                                                  Eigen::ComputeFullU | Eigen::ComputeFullV);
+      Eigen::Vector3d signs = Eigen::Vector3d::Ones();
+      signs[2] = svd.matrixU().determinant() * svd.matrixV().determinant();
+      const Eigen::Matrix3d rotation =
+          svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+      turn.rotation = Eigen::Quaterniond(rotation).normalized();
+      std::vector<double> errors(from.size());
+      for (size_t i = 0; i < from.size(); ++i) {
+        errors[i] = SquaredError(camera_, turn, from[i], pixels[i], inverse_sigmas[i]);
+      }
+      order.resize(from.size());
+      std::iota(order.begin(), order.end(), size_t{0});
+      std::stable_sort(order.begin(), order.end(),
+                       [&](size_t a, size_t b) { return errors[a] < errors[b]; });
+      order.resize(std::max<size_t>(3, order.size() / 2));
+    }
+    return turn;
   }
 
   bool PoseInnerViews(const std::vector<int>& point_of_track, BaProblem& problem) const {
@@ -240,20 +302,20 @@ class PairEvaluator {
                        kDegrees);
     }
     if (pair.points.empty()) return std::nullopt;
-    const auto median = [](std::vector<double>& v) {
-      const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-      std::nth_element(v.begin(), middle, v.end());
-      return *middle;
+    const auto quantile = [](std::vector<double>& v, double q) {
+      const auto place = v.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(v.size()));
+      std::nth_element(v.begin(), place, v.end());
+      return *place;
     };
-    pair.parallax_deg = median(angles);
-    const double scale = 1.0 / median(depths);
+    pair.parallax_deg = quantile(angles, 0.5);
+    pair.low_parallax_deg = quantile(angles, kLowQuantile);
+    const double scale = 1.0 / quantile(depths, 0.5);
     pair.b_from_a.translation *= scale;
     for (InitialPoint& point : pair.points) point.position *= scale;
     return pair;
   }
 
   const InitializerOptions& options_;
-  std::vector<double> sigmas_;
   const std::vector<FrameFeatures>& frames_;
   PinholeIntrinsics camera_;
   std::array<int, kNumViews> views_{};
@@ -274,33 +336,34 @@ double MedianFlow(const FrameFeatures& start, const std::vector<Track>& tracks) 
 }
 
 double Quality(const InitializerOptions& options, const InitialPair& pair) {
-  return std::min(1.0, pair.parallax_deg / options.good_parallax_deg) *
+  return std::min(1.0, pair.low_parallax_deg / options.good_parallax_deg) *
          std::min(1.0, static_cast<double>(pair.points.size()) / options.good_points);
 }
 
 }  // namespace
 
 void InitializerOptions::Visit(OptionVisitor& v) {
-  v.Value("max_start", max_start, "frames from the beginning that may start a pair", 1, 1000000);
-  v.Value("start_step", start_step, "frames between starting frames that are tried", 1, 1000);
+  v.Value("num_starts", num_starts, "starting frames that are tried, spread over the sequence", 1,
+          100000);
   v.Value("max_gap", max_gap, "frames between the two of a pair at the most", 1, 10000);
   v.Value("min_matches", min_matches, "keypoints followed from one frame to the other", 10, 10000);
   v.Value("min_points", min_points, "points that a pair must give", 10, 10000);
   v.Value("min_parallax_deg", min_parallax_deg, "median parallax that a pair must have [deg]", 0.1,
           30.0);
-  v.Value("good_parallax_deg", good_parallax_deg, "parallax that ends the search [deg]", 0.1, 30.0);
+  v.Value("good_parallax_deg", good_parallax_deg,
+          "parallax that four fifths of the points must have to end the search [deg]", 0.1, 30.0);
   v.Value("good_points", good_points, "points that end the search", 10, 10000);
 }
 
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
-                                           const FeatureOptions& feature_options,
                                            const std::vector<FrameFeatures>& frames,
-                                           const Undistorter& undistorter, int begin, int end) {
-  PairEvaluator evaluator(options, feature_options, frames, undistorter);
+                                           const Undistorter& undistorter) {
+  const int end = static_cast<int>(frames.size());
+  const int step = std::max(1, end / options.num_starts);
+  PairEvaluator evaluator(options, frames, undistorter);
   const double side = std::max(undistorter.camera().width, undistorter.camera().height);
   std::optional<InitialPair> best;
-  for (int start = begin; start < std::min(end - 1, begin + options.max_start);
-       start += options.start_step) {
+  for (int start = 0; start + kNumViews <= end; start += step) {
     std::vector<Track> tracks = StartTracks(frames[start]);
     double next_flow = kFirstFlow * side;
     for (int gap = 1; gap <= options.max_gap && start + gap < end; ++gap) {

@@ -8,7 +8,7 @@
 
 namespace s3lam {
 
-Map::Map(const std::vector<FrameFeatures>& frames, const FeatureOptions& options)
+Map::Map(std::vector<FrameFeatures>& frames, const FeatureOptions& options)
     : frames_(frames), level_sigmas_(LevelSigmas(options)) {}
 
 int Map::CountAliveKeyframes() const {

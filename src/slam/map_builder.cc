@@ -21,9 +21,8 @@ Rigid3 Fraction(const Rigid3& motion, int gap) {
 }  // namespace
 
 MapBuilder::MapBuilder(const TrackerOptions& tracker_options, const MapperOptions& mapper_options,
-                       const FeatureOptions& feature_options,
-                       const std::vector<FrameFeatures>& frames, const Undistorter& undistorter,
-                       ProgressCallback progress)
+                       const FeatureOptions& feature_options, std::vector<FrameFeatures>& frames,
+                       const Undistorter& undistorter, ProgressCallback progress)
     : frames_(frames),
       map_(frames, feature_options),
       tracker_(tracker_options, undistorter),

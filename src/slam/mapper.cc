@@ -40,8 +40,7 @@ class ProblemBuilder {
       AddKeyframe(o.keyframe, true);
       const Keypoint& keypoint = map_.keypoint(o);
       problem_.observations.push_back({problem_of_keyframe_[o.keyframe], index,
-                                       keypoint.undistorted.cast<double>(),
-                                       1.0 / map_.sigma(keypoint.level)});
+                                       keypoint.undistorted.cast<double>(), 1.0 / keypoint.sigma});
     }
   }
 
@@ -279,8 +278,8 @@ int Mapper::TriangulatePair(Map& map, int keyframe, int neighbour,
     const Eigen::Vector3d center_a = pose_a.CenterInB();
     const Eigen::Vector3d center_b = pose_b.CenterInB();
     if (ParallaxAngle(*point, center_a, center_b) < min_parallax) continue;
-    if (SquaredError(camera, pose_a, *point, xy_a, 1.0 / map.sigma(keypoint_a.level)) > kChi2 ||
-        SquaredError(camera, pose_b, *point, xy_b, 1.0 / map.sigma(keypoint_b.level)) > kChi2) {
+    if (SquaredError(camera, pose_a, *point, xy_a, 1.0 / keypoint_a.sigma) > kChi2 ||
+        SquaredError(camera, pose_b, *point, xy_b, 1.0 / keypoint_b.sigma) > kChi2) {
       continue;
     }
     // The scales at which the two see it must agree with the distances.
@@ -318,8 +317,7 @@ void Mapper::FuseInto(Map& map, const std::vector<int>& points, int keyframe) co
     if (point == kNoIndex) continue;
     const Keypoint& keypoint = map.features(keyframe).keypoint(match.keypoint);
     if (SquaredError(undistorter_.intrinsics(), pose, map.point(point).position,
-                     keypoint.undistorted.cast<double>(),
-                     1.0 / map.sigma(keypoint.level)) > kChi2) {
+                     keypoint.undistorted.cast<double>(), 1.0 / keypoint.sigma) > kChi2) {
       continue;
     }
     const int present = map.keyframe(keyframe).point_of_keypoint[match.keypoint];
@@ -400,7 +398,7 @@ double MapRms(const Map& map, const PinholeIntrinsics& camera) {
     for (const MapObservation& o : map.point(p).observations) {
       const Keypoint& keypoint = map.keypoint(o);
       sum += SquaredError(camera, map.keyframe(o.keyframe).cam_from_world, map.point(p).position,
-                          keypoint.undistorted.cast<double>(), 1.0 / map.sigma(keypoint.level));
+                          keypoint.undistorted.cast<double>(), 1.0 / keypoint.sigma);
       ++count;
     }
   }

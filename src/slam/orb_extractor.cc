@@ -177,8 +177,9 @@ struct LevelOutput {
   std::vector<BinaryDescriptor>& descriptors;
 };
 
-void DescribeLevel(const cv::Mat& image, const std::vector<Corner>& corners, int level,
-                   const Eigen::Vector2d& scale, const Undistorter& undistorter, LevelOutput out) {
+void DescribeLevel(const ImagePyramid& pyramid, int level, const std::vector<Corner>& corners,
+                   const Undistorter& undistorter, LevelOutput out) {
+  const cv::Mat& image = pyramid.levels[level];
   constexpr float kDegreesPerRadian = 57.29577951F;
   std::vector<cv::KeyPoint> keypoints;
   keypoints.reserve(corners.size());
@@ -196,14 +197,14 @@ void DescribeLevel(const cv::Mat& image, const std::vector<Corner>& corners, int
   cv::Mat rows;
   orb->compute(image, keypoints, rows);
   for (size_t i = 0; i < keypoints.size(); ++i) {
-    const Eigen::Vector2d pixel((keypoints[i].pt.x + 0.5) * scale.x(),
-                                (keypoints[i].pt.y + 0.5) * scale.y());
+    const Eigen::Vector2d pixel = pyramid.FromLevel({keypoints[i].pt.x, keypoints[i].pt.y}, level);
     const auto undistorted = undistorter.Undistort(pixel);
     if (!undistorted) continue;
     Keypoint keypoint;
     keypoint.pixel = pixel.cast<float>();
     keypoint.undistorted = undistorted->cast<float>();
     keypoint.angle = keypoints[i].angle / kDegreesPerRadian;
+    keypoint.sigma = static_cast<float>(pyramid.scales[level].mean());
     keypoint.level = static_cast<uint8_t>(level);
     out.keypoints.push_back(keypoint);
     BinaryDescriptor descriptor;
@@ -223,29 +224,38 @@ void RemoveMasked(const cv::Mat& mask, const Eigen::Vector2d& scale, std::vector
 
 }  // namespace
 
-FrameFeatures ExtractFeatures(const FeatureOptions& options, const Undistorter& undistorter,
-                              const cv::Mat& gray, const cv::Mat& mask) {
-  std::vector<Keypoint> keypoints;
-  std::vector<BinaryDescriptor> descriptors;
-  const std::vector<size_t> counts = LevelCounts(options);
-  cv::Mat image = gray;
+ImagePyramid BuildPyramid(const FeatureOptions& options, const cv::Mat& gray) {
+  ImagePyramid pyramid;
   for (int level = 0; level < options.num_levels; ++level) {
     const double factor = std::pow(options.scale_factor, level);
     const cv::Size size(static_cast<int>(std::lround(gray.cols / factor)),
                         static_cast<int>(std::lround(gray.rows / factor)));
     if (size.width <= 2 * kBorder || size.height <= 2 * kBorder) break;
+    cv::Mat image = gray;
     if (level > 0) {
-      cv::Mat smaller;
-      cv::resize(image, smaller, size, 0.0, 0.0, cv::INTER_LINEAR);
-      image = smaller;
+      image = cv::Mat();
+      cv::resize(pyramid.levels.back(), image, size, 0.0, 0.0, cv::INTER_LINEAR);
     }
-    const Eigen::Vector2d scale(static_cast<double>(gray.cols) / size.width,
+    pyramid.levels.push_back(image);
+    pyramid.scales.emplace_back(static_cast<double>(gray.cols) / size.width,
                                 static_cast<double>(gray.rows) / size.height);
+  }
+  return pyramid;
+}
+
+FrameFeatures ExtractFeatures(const FeatureOptions& options, const Undistorter& undistorter,
+                              const cv::Mat& gray, const cv::Mat& mask) {
+  std::vector<Keypoint> keypoints;
+  std::vector<BinaryDescriptor> descriptors;
+  const std::vector<size_t> counts = LevelCounts(options);
+  const ImagePyramid pyramid = BuildPyramid(options, gray);
+  for (size_t level = 0; level < pyramid.levels.size(); ++level) {
+    const cv::Mat& image = pyramid.levels[level];
     std::vector<Corner> corners = DetectCorners(options, image);
-    RemoveMasked(mask, scale, corners);
-    corners = SpreadCorners(std::move(corners), size, counts[static_cast<size_t>(level)]);
+    RemoveMasked(mask, pyramid.scales[level], corners);
+    corners = SpreadCorners(std::move(corners), image.size(), counts[level]);
     if (keypoints.size() + corners.size() > kMaxKeypoints) break;
-    DescribeLevel(image, corners, level, scale, undistorter, {keypoints, descriptors});
+    DescribeLevel(pyramid, static_cast<int>(level), corners, undistorter, {keypoints, descriptors});
   }
   return {std::move(keypoints), std::move(descriptors), undistorter};
 }

@@ -37,12 +37,8 @@ std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input
 
 InitialPair Initialize(const Options& options, const std::vector<FrameFeatures>& frames,
                        const Undistorter& undistorter) {
-  const int end = static_cast<int>(frames.size());
-  // Windows one after another, so that a bad beginning does not end it.
-  for (int begin = 0; begin < end; begin += options.initializer.max_start) {
-    const auto pair =
-        FindInitialPair(options.initializer, options.features, frames, undistorter, begin, end);
-    if (!pair) continue;
+  const auto pair = FindInitialPair(options.initializer, frames, undistorter);
+  if (pair) {
     spdlog::info("map starts from frames {} and {}: {} points, parallax {:.1f} deg", pair->frame_a,
                  pair->frame_b, pair->points.size(), pair->parallax_deg);
     return *pair;
@@ -50,6 +46,31 @@ InitialPair Initialize(const Options& options, const std::vector<FrameFeatures>&
   throw InputError(
       "no pair of frames gives a map to start from: too few matches or no parallax (is the camera "
       "moving, are the calibration and the order of the images right?)");
+}
+
+/// The second pass: everything matched again, then every observation aligned, each followed by a
+/// bundle adjustment of the whole map.
+void ImproveMap(const Options& options, const Input& input, const Undistorter& undistorter,
+                MapBuilder& builder, StepTimes& seconds) {
+  Map& map = builder.map();
+  for (int round = 0; round < options.second_pass.rounds; ++round) {
+    {
+      const ScopedStep step(seconds, "matching again");
+      MatchAgain(options.second_pass, builder.mapper(), map);
+    }
+    const ScopedStep step(seconds, "global bundle adjustment");
+    builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
+  }
+  if (!options.second_pass.patches.enabled) return;
+  {
+    const ScopedStep step(seconds, "aligning patches");
+    const PatchRefinement refinement =
+        RefineObservations(options.second_pass, options.features, undistorter, input.read_gray,
+                           input.concurrent_reads ? options.num_threads : 1, map);
+    spdlog::info("{} of {} observations aligned", refinement.num_refined, refinement.num_tried);
+  }
+  const ScopedStep step(seconds, "global bundle adjustment");
+  builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
 }
 
 /// Poses of all frames in the final map: keyframes as they are, others refined against it.
@@ -77,6 +98,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("initializer", initializer, "the pair of frames that the map starts from");
   v.Group("tracker", tracker, "localising frames in the map");
   v.Group("mapper", mapper, "growing and pruning the map");
+  v.Group("second_pass", second_pass, "what knowing the whole map adds");
   v.Value("min_localization_inliers", min_localization_inliers,
           "points that a frame must see in the final map to be localised", 6, 10000);
   v.Value("global_rounds", global_rounds,
@@ -115,6 +137,7 @@ Result Run(const Options& options, const Input& input) {
     const ScopedStep step(seconds, "global bundle adjustment");
     builder.mapper().AdjustGlobally(builder.map(), options.global_rounds, options.num_threads);
   }
+  ImproveMap(options, input, undistorter, builder, seconds);
   std::vector<FrameTrack> localized;
   {
     const ScopedStep step(seconds, "localising all frames");

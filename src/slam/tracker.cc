@@ -112,7 +112,7 @@ int Tracker::Refine(const Map& map, int frame, Rigid3& cam_from_world,
   for (const PointMatch& match : matches) {
     const Keypoint& keypoint = features.keypoint(match.keypoint);
     observations.push_back({map.point(match.point).position, keypoint.undistorted.cast<double>(),
-                            1.0 / map.sigma(keypoint.level)});
+                            1.0 / keypoint.sigma});
   }
   const PoseRefinementResult result =
       RefinePose(undistorter_.intrinsics(), observations, cam_from_world);

@@ -42,6 +42,7 @@ struct Keypoint {
   Eigen::Vector2f pixel;        // px in the original image, centre of the first pixel at 0.5
   Eigen::Vector2f undistorted;  // px in the undistorted camera
   float angle = 0.0F;           // rad
+  float sigma = 1.0F;           // Standard deviation of the position, both axes [px]
   uint8_t level = 0;            // Of the image pyramid, 0 is the full image.
 };
 
@@ -84,6 +85,8 @@ class FrameFeatures {
   [[nodiscard]] int size() const { return static_cast<int>(keypoints_.size()); }
   [[nodiscard]] const Keypoint& keypoint(int i) const { return keypoints_[i]; }
   [[nodiscard]] const BinaryDescriptor& descriptor(int i) const { return descriptors_[i]; }
+  /// Corrects a keypoint's place by a fraction of a pixel (the grid stays as it is).
+  void Move(int i, const Eigen::Vector2d& pixel, const Eigen::Vector2d& undistorted, double sigma);
 
   /// Calls visit(i) for the keypoints whose undistorted position is within `radius` px of `center`
   /// (a square) and whose level is in [min_level, max_level].
@@ -105,6 +108,21 @@ class FrameFeatures {
   std::vector<uint16_t> cell_begin_;    // One more entry than cells, row-major.
   std::vector<uint16_t> cell_members_;  // Keypoints by cell.
 };
+
+/// An image at all scales; fewer levels than asked for where the image is too small.
+struct ImagePyramid {
+  std::vector<cv::Mat> levels;          // 8-bit gray, level 0 is the image itself
+  std::vector<Eigen::Vector2d> scales;  // Full image px per level px, along x and y
+
+  /// Coordinates on a level (centre of the first pixel at 0) of a full image's pixel (at 0.5).
+  [[nodiscard]] Eigen::Vector2d ToLevel(const Eigen::Vector2d& pixel, int level) const {
+    return pixel.cwiseQuotient(scales[level]).array() - 0.5;
+  }
+  [[nodiscard]] Eigen::Vector2d FromLevel(const Eigen::Vector2d& xy, int level) const {
+    return (xy.array() + 0.5).matrix().cwiseProduct(scales[level]);
+  }
+};
+ImagePyramid BuildPyramid(const FeatureOptions& options, const cv::Mat& gray);
 
 /// ORB keypoints of an 8-bit gray image, spread evenly over image and scale: FAST corners with a
 /// second, lower threshold where a cell has none, thinned by a quadtree to the strongest of each

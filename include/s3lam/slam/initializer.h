@@ -8,13 +8,12 @@
 namespace s3lam {
 
 struct InitializerOptions {
-  int max_start = 120;
-  int start_step = 6;
+  int num_starts = 40;
   int max_gap = 60;
   int min_matches = 60;
   int min_points = 50;
   double min_parallax_deg = 1.0;
-  double good_parallax_deg = 3.0;
+  double good_parallax_deg = 1.5;
   int good_points = 150;
 
   void Visit(OptionVisitor& v);
@@ -33,19 +32,20 @@ struct InitialPair {
   int frame_b = -1;
   Rigid3 b_from_a;
   std::vector<InitialPoint> points;
-  double parallax_deg = 0.0;        // Median over the points.
-  double mean_squared_error = 0.0;  // Over all tracks and views, in sigma, capped.
+  double parallax_deg = 0.0;         // Median over the points,
+  double low_parallax_deg = 0.0;     // and what four fifths of them have.
+  double mean_squared_error = 0.0;   // Over all tracks and views, in sigma, capped,
+  double rotation_only_error = 0.0;  // and the same without any parallax.
 };
 
-/// Looks for the best pair to start from among frames [begin, end), trying starting frames in order
-/// and, for each, ever larger gaps along which keypoints are followed. Candidate motions come from
-/// essential matrix and homography; the one that explains two intermediate frames best, after
+/// Looks for the best pair to start from, trying starting frames spread over the whole sequence in
+/// order and, for each, ever larger gaps along which keypoints are followed. Candidate motions come
+/// from essential matrix and homography; the one that explains two intermediate frames best, after
 /// bundle adjustment, wins, which settles the planar ambiguity. Stops at the first pair that is
 /// good by the options, else returns the best acceptable one. Empty if there is none (no parallax,
 /// too few matches).
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
-                                           const FeatureOptions& feature_options,
                                            const std::vector<FrameFeatures>& frames,
-                                           const Undistorter& undistorter, int begin, int end);
+                                           const Undistorter& undistorter);
 
 }  // namespace s3lam

@@ -44,8 +44,8 @@ struct MapPoint {
 
 class Map {
  public:
-  /// `frames` outlives the map.
-  Map(const std::vector<FrameFeatures>& frames, const FeatureOptions& options);
+  /// `frames` outlives the map, which may move their keypoints.
+  Map(std::vector<FrameFeatures>& frames, const FeatureOptions& options);
 
   [[nodiscard]] int num_keyframes() const { return static_cast<int>(keyframes_.size()); }
   [[nodiscard]] int num_points() const { return static_cast<int>(points_.size()); }
@@ -72,6 +72,12 @@ class Map {
   void CountVisible(int point, bool found) {
     ++points_[point].num_visible;
     points_[point].num_found += found;
+  }
+
+  /// See FrameFeatures::Move.
+  void MoveKeypoint(const MapObservation& o, const Eigen::Vector2d& pixel,
+                    const Eigen::Vector2d& undistorted, double sigma) {
+    frames_[keyframes_[o.keyframe].frame].Move(o.keypoint, pixel, undistorted, sigma);
   }
 
   int AddKeyframe(int frame, const Rigid3& cam_from_world);
@@ -104,7 +110,7 @@ class Map {
   void Rescale(double factor);
 
  private:
-  const std::vector<FrameFeatures>& frames_;
+  std::vector<FrameFeatures>& frames_;
   std::vector<double> level_sigmas_;
   std::vector<Keyframe> keyframes_;
   std::vector<MapPoint> points_;

@@ -17,7 +17,7 @@ class MapBuilder {
   using ProgressCallback = std::function<void(int frames_done, int keyframes)>;
 
   MapBuilder(const TrackerOptions& tracker_options, const MapperOptions& mapper_options,
-             const FeatureOptions& feature_options, const std::vector<FrameFeatures>& frames,
+             const FeatureOptions& feature_options, std::vector<FrameFeatures>& frames,
              const Undistorter& undistorter, ProgressCallback progress);
 
   /// Makes the first two keyframes and their points.

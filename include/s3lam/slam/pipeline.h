@@ -13,6 +13,7 @@
 #include "s3lam/scene/trajectory.h"
 #include "s3lam/slam/initializer.h"
 #include "s3lam/slam/mapper.h"
+#include "s3lam/slam/second_pass.h"
 #include "s3lam/slam/tracker.h"
 
 namespace s3lam::slam {
@@ -22,6 +23,7 @@ struct Options {
   InitializerOptions initializer;
   TrackerOptions tracker;
   MapperOptions mapper;
+  SecondPassOptions second_pass;
   int min_localization_inliers = 15;
   int global_rounds = 5;
   int num_threads = 0;  // Not a configuration value: results do not depend on it.
