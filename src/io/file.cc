@@ -5,13 +5,15 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <system_error>
 
 #include "s3lam/base/error.h"
 
 namespace s3lam {
 
 std::string ReadFile(const std::filesystem::path& path) {
-  if (std::filesystem::is_directory(path)) {
+  std::error_code ignored;  // What cannot be looked at cannot be opened either.
+  if (std::filesystem::is_directory(path, ignored)) {
     ThrowInputError("{}: is a directory, expected a file", path.string());
   }
   std::ifstream stream(path, std::ios::binary);
@@ -43,7 +45,9 @@ nlohmann::json ReadJson(const std::filesystem::path& path) {
 }
 
 void WriteJson(const std::filesystem::path& path, const nlohmann::json& json) {
-  const std::string text = json.dump(2) + "\n";
+  // File names need not be UTF-8; JSON has to be.
+  using Json = nlohmann::json;
+  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
   WriteFile(path, [&](std::ostream& stream) { stream << text; });
 }
 

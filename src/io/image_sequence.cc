@@ -118,6 +118,28 @@ int ParseField(std::string_view field, int min, const std::string& text) {
   return value;
 }
 
+ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const FrameRange& range) {
+  const std::string source = path.string();
+  if (!fs::exists(path)) ThrowInputError("{}: no such file or directory", source);
+  if (format == SequenceFormat::kAuto) format = DetectFormat(path);
+  if (format == SequenceFormat::kVideo && !fs::is_regular_file(path)) {
+    ThrowInputError("{}: not a video file", source);
+  }
+  if (format != SequenceFormat::kVideo && !fs::is_directory(path)) {
+    ThrowInputError("{}: not a directory", source);
+  }
+  ImageSequence sequence = OpenFormat(path, format);
+  CheckFrames(source, sequence);
+  const fs::path& root = sequence.image_root;
+  std::vector<fs::path> folders = {path, root};
+  // Beside the images, but not beside the folder that was named (unless that is a video).
+  if (root != path || format == SequenceFormat::kVideo) folders.push_back(root.parent_path());
+  if (const auto file = FindCameraFile(folders)) sequence.camera = file->camera;
+  SelectFrames(range, source, sequence);
+  CheckFilesExist(sequence);
+  return sequence;
+}
+
 }  // namespace
 
 std::optional<SequenceFormat> SequenceFormatFromName(std::string_view name) {
@@ -147,25 +169,11 @@ FrameRange ParseFrameRange(const std::string& text) {
 
 ImageSequence OpenSequence(const fs::path& path, SequenceFormat format, const FrameRange& range) {
   S3LAM_CHECK(range.first >= 0 && range.step > 0);
-  const std::string source = path.string();
-  if (!fs::exists(path)) ThrowInputError("{}: no such file or directory", source);
-  if (format == SequenceFormat::kAuto) format = DetectFormat(path);
-  if (format == SequenceFormat::kVideo && !fs::is_regular_file(path)) {
-    ThrowInputError("{}: not a video file", source);
+  try {
+    return OpenChecked(path, format, range);
+  } catch (const fs::filesystem_error& error) {  // Folders that may not be looked into.
+    ThrowInputError("{}: {}", error.path1().string(), error.code().message());
   }
-  if (format != SequenceFormat::kVideo && !fs::is_directory(path)) {
-    ThrowInputError("{}: not a directory", source);
-  }
-  ImageSequence sequence = OpenFormat(path, format);
-  CheckFrames(source, sequence);
-  const fs::path& root = sequence.image_root;
-  std::vector<fs::path> folders = {path, root};
-  // Beside the images, but not beside the folder that was named (unless that is a video).
-  if (root != path || format == SequenceFormat::kVideo) folders.push_back(root.parent_path());
-  if (const auto file = FindCameraFile(folders)) sequence.camera = file->camera;
-  SelectFrames(range, source, sequence);
-  CheckFilesExist(sequence);
-  return sequence;
 }
 
 }  // namespace s3lam

@@ -1,4 +1,5 @@
-#include <charconv>
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <sstream>
 
@@ -10,6 +11,8 @@
 namespace s3lam::internal {
 namespace fs = std::filesystem;
 namespace {
+
+constexpr double kMaxImageSide = 1e6;  // px
 
 /// The folder with data.csv: `path` itself, or cam0 below it.
 fs::path FindCameraFolder(const fs::path& path) {
@@ -74,6 +77,12 @@ class SensorYaml {
 Camera ReadSensorYaml(const fs::path& path) {
   const SensorYaml yaml(path);
   const std::vector<double> size = yaml.List("resolution", 2);
+  for (const double side : size) {
+    if (side < 1.0 || side > kMaxImageSide || side != std::floor(side)) {
+      ThrowInputError("{}: resolution {} x {} is not a size in px", yaml.source(), size[0],
+                      size[1]);
+    }
+  }
   const std::vector<double> k = yaml.List("intrinsics", 4);
   Camera camera;
   camera.id = CameraId(1);

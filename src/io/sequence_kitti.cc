@@ -130,7 +130,10 @@ std::vector<double> ReadTimes(const fs::path& path, bool dates) {
 
 }  // namespace
 
-bool IsKittiSequence(const fs::path& path) { return FindCamera(path, "image_{}").has_value(); }
+bool IsKittiSequence(const fs::path& path) {
+  const bool has_tables = fs::exists(path / "times.txt") || fs::exists(path / "calib.txt");
+  return has_tables && FindCamera(path, "image_{}").has_value();
+}
 
 bool IsKittiRawSequence(const fs::path& path) {
   return FindCamera(path, "image_{:02d}/data").has_value();

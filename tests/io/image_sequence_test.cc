@@ -186,6 +186,16 @@ TEST(KittiSequence, TimesOfAPartAreFoundByNumber) {
   ExpectError(dir.path(), SequenceFormat::kKitti, "times.txt: line 4");
 }
 
+TEST(KittiSequence, FoldersOfPhotosThatLookAlikeAreAFolder) {
+  const TempDir dir;
+  dir.Write("image_0/a.png", EncodedImage(0));
+  dir.Write("image_1/a.png", EncodedImage(1));
+  const ImageSequence sequence = OpenSequence(dir.path(), SequenceFormat::kAuto);
+  EXPECT_EQ(sequence.format, SequenceFormat::kFolder);
+  EXPECT_THAT(Names(sequence), ElementsAre("image_0/a.png", "image_1/a.png"));
+  ExpectError(dir.path(), SequenceFormat::kKitti, "times.txt");
+}
+
 TEST(KittiRawSequence, FindsTheCalibrationOneLevelUp) {
   const TempDir dir;
   const std::string drive = "2011_09_26/drive_0011_sync/";
@@ -254,8 +264,10 @@ TEST(EurocSequence, OtherDistortionsAndFaults) {
   ExpectError(dir.path(), SequenceFormat::kEuroc, "sensor.yaml: intrinsics is missing");
   with("[45.5, 46.5,", "[45.5,");
   ExpectError(dir.path(), SequenceFormat::kEuroc, "intrinsics has 3 numbers, expected 4");
-  with("[32, 24]", "[32, x]");
-  ExpectError(dir.path(), SequenceFormat::kEuroc, "resolution");
+  for (const char* size : {"[32, x]", "[32, 1e300]", "[0, 24]", "[32.5, 24]", "[32]"}) {
+    with("[32, 24]", size);
+    ExpectError(dir.path(), SequenceFormat::kEuroc, "resolution");
+  }
   WriteEuroc(dir, kSensorYaml);
   dir.Write("mav0/cam0/data.csv", "1403638538577829376 a.png\n");
   ExpectError(dir.path(), SequenceFormat::kEuroc, "data.csv: line 1");
