@@ -23,6 +23,7 @@ constexpr const char* kDescription =
     "Scenes: desk, floor, posters, room (hand-held camera with lens distortion; written as a TUM\n"
     "RGB-D sequence with COCO panoptic masks), street (a drive; written as a KITTI odometry\n"
     "sequence with KITTI-STEP masks).\n"
+    "Reads  nothing.\n"
     "Writes images, camera, times, groundtruth.txt (TUM, world_from_camera), exact and corrupted\n"
     "masks (panoptic_clean or panoptic, panoptic_noisy), the object behind every segment\n"
     "(truth_clean.json, truth_noisy.json), objects.json with the true planes, report.json and\n"

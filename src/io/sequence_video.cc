@@ -1,13 +1,29 @@
 #include <fmt/format.h>
 
+#include <cstdlib>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "s3lam/base/error.h"
 #include "sequence_formats.h"
 
 namespace s3lam::internal {
+namespace {
+
+/// OpenCV and FFmpeg write what they think of a file to stderr, line after line; what is wrong with
+/// it is said once, by the exception. A user's own choice of their log levels stands.
+void SilenceDecoders() {
+  constexpr const char* kFfmpegQuiet = "-8";  // AV_LOG_QUIET
+  setenv("OPENCV_FFMPEG_LOGLEVEL", kFfmpegQuiet, 0);
+  if (std::getenv("OPENCV_LOG_LEVEL") == nullptr) {
+    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  }
+}
+
+}  // namespace
 
 ImageSequence OpenVideo(const std::filesystem::path& path) {
+  SilenceDecoders();
   cv::VideoCapture capture;
   if (!capture.open(path.string()) || !capture.isOpened()) {
     ThrowInputError("{}: not a video that can be opened", path.string());

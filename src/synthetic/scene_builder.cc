@@ -26,7 +26,7 @@ SemanticClass Class(int id, const char* name, bool thing, bool planar, int min_i
   c.name = name;
   c.is_thing = thing;
   c.is_planar = planar;
-  c.min_plane_inliers = min_inliers;
+  if (planar) c.min_plane_inliers = min_inliers;
   c.orientation = orientation;
   // Well-spread colours from the id alone.
   const uint64_t bits = Rng(static_cast<uint64_t>(id) + 1).Bits();

@@ -9,11 +9,14 @@
 #include <string_view>
 #include <vector>
 
+#include "support/temp_dir.h"
+
 namespace s3lam::testing {
 
 struct ProgramResult {
   int exit_code = -1;  // -1 if a signal ended it.
-  std::string output;  // Standard output and error.
+  std::string output;  // Standard output; of RunProgram with standard error in it.
+  std::string errors;  // Standard error, of RunProgramApart.
 };
 
 namespace internal {
@@ -22,13 +25,13 @@ inline std::string ShellQuoted(std::string_view word) {
   for (const char c : word) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
   return quoted + "'";
 }
-}  // namespace internal
-
-/// Runs a program and waits for it.
-inline ProgramResult RunProgram(const std::vector<std::string>& words) {
+inline std::string ShellCommand(const std::vector<std::string>& words) {
   std::string command;
-  for (const std::string& word : words) command += internal::ShellQuoted(word) + " ";
-  FILE* pipe = popen((command + "2>&1").c_str(), "r");
+  for (const std::string& word : words) command += ShellQuoted(word) + " ";
+  return command;
+}
+inline ProgramResult RunShell(const std::string& command) {
+  FILE* pipe = popen(command.c_str(), "r");
   if (pipe == nullptr) throw std::runtime_error("cannot run " + command);
   ProgramResult result;
   std::array<char, 4096> buffer;
@@ -37,6 +40,22 @@ inline ProgramResult RunProgram(const std::vector<std::string>& words) {
   }
   const int status = pclose(pipe);
   if (WIFEXITED(status)) result.exit_code = WEXITSTATUS(status);
+  return result;
+}
+}  // namespace internal
+
+/// Runs a program and waits for it.
+inline ProgramResult RunProgram(const std::vector<std::string>& words) {
+  return internal::RunShell(internal::ShellCommand(words) + "2>&1");
+}
+
+/// As RunProgram, with standard output and standard error apart.
+inline ProgramResult RunProgramApart(const std::vector<std::string>& words) {
+  const TempDir directory;
+  const std::string errors = (directory / "stderr").string();
+  ProgramResult result =
+      internal::RunShell(internal::ShellCommand(words) + "2>" + internal::ShellQuoted(errors));
+  result.errors = FileBytes(errors);
   return result;
 }
 

@@ -1,0 +1,139 @@
+// What s3-lift says to masks and class tables that cannot be used.
+
+#include <nlohmann/json.hpp>
+
+#include "pipeline/model_fixture.h"
+
+namespace s3lam {
+namespace {
+
+using nlohmann::json;
+using testing::kBadInput;
+using testing::kClasses;
+using testing::kDone;
+using testing::RunTool;
+
+class BadMasks : public testing::ModelTest {
+ protected:
+  json LiftReport(std::vector<std::string> more_arguments = {}) {
+    std::vector<std::string> arguments = LiftArguments();
+    arguments.insert(arguments.end(), {"--output", output().string(), "--json"});
+    arguments.insert(arguments.end(), more_arguments.begin(), more_arguments.end());
+    const auto result = RunTool("s3-lift", arguments);
+    EXPECT_EQ(result.exit_code, kDone) << result.errors;
+    return json::parse(result.output);
+  }
+
+  /// Turns the masks into COCO panoptic ones with segment 7 everywhere.
+  void WriteCocoMasks(int category_id) const {
+    json annotations = json::array();
+    for (const std::string& name : mask_names_) {
+      WriteMask(name, mask_size_, 7);
+      annotations.push_back(
+          {{"file_name", name}, {"segments_info", {{{"id", 7}, {"category_id", category_id}}}}});
+    }
+    inputs_.Write("masks.json", json{{"annotations", annotations}}.dump());
+  }
+
+  void ExpectCocoRefused(const std::vector<std::string>& parts) {
+    ExpectRefusedWithoutTrace("s3-lift",
+                              {"--model", model().string(), "--masks", masks().string(),
+                               "--classes", (kClasses / "coco.json").string()},
+                              kBadInput, parts);
+  }
+};
+
+TEST_F(BadMasks, MissingFolder) {
+  std::filesystem::remove_all(masks());
+  ExpectLiftRefused({masks().string()});
+}
+
+TEST_F(BadMasks, EmptyFolder) {
+  for (const std::string& name : mask_names_) std::filesystem::remove(masks() / name);
+  ExpectLiftRefused({masks().string()});
+}
+
+TEST_F(BadMasks, NoMaskFitsAnImage) {
+  for (size_t i = 0; i < mask_names_.size(); ++i) {
+    std::filesystem::rename(masks() / mask_names_[i],
+                            masks() / ("other" + std::to_string(i) + ".png"));
+  }
+  ExpectLiftRefused({"mask"});
+}
+
+TEST_F(BadMasks, AnotherShape) {
+  WriteMask(mask_names_[3], cv::Size(mask_size_.width, mask_size_.height / 2), kRoad);
+  ExpectLiftRefused({mask_names_[3].substr(0, mask_names_[3].rfind('.')),
+                     std::to_string(mask_size_.height), std::to_string(mask_size_.height / 2)});
+}
+
+TEST_F(BadMasks, AnotherShapeIsSkippedAndCountedWhenLenient) {
+  WriteMask(mask_names_[3], cv::Size(mask_size_.width, mask_size_.height / 2), kRoad);
+  const json report = LiftReport({"--lenient"});
+  EXPECT_EQ(report["images_with_bad_mask"], 1);
+  EXPECT_EQ(report["images_with_mask"], mask_names_.size() - 1);
+}
+
+TEST_F(BadMasks, HalfTheResolutionIsScaledAndCounted) {
+  WriteMask(mask_names_[3], mask_size_ / 2, kRoad);
+  const json report = LiftReport();
+  EXPECT_EQ(report["scaled_masks"], 1);
+  EXPECT_EQ(report["images_with_mask"], mask_names_.size());
+}
+
+TEST_F(BadMasks, MissingOneIsSkippedAndCounted) {
+  std::filesystem::remove(masks() / mask_names_[2]);
+  const json report = LiftReport();
+  EXPECT_EQ(report["images_without_mask"], 1);
+  EXPECT_EQ(report["images_with_mask"], mask_names_.size() - 1);
+}
+
+TEST_F(BadMasks, CutShort) {
+  Truncate(masks() / mask_names_[4], 0.5);
+  ExpectLiftRefused({(masks() / mask_names_[4]).string()});
+}
+
+TEST_F(BadMasks, UnknownClassInTheImage) {
+  WriteMask(mask_names_[1], mask_size_, 99);
+  ExpectLiftRefused({(masks() / mask_names_[1]).string(), "99"});
+}
+
+TEST_F(BadMasks, UnknownClassInTheJson) {
+  WriteCocoMasks(4242);
+  ExpectCocoRefused({"masks.json", "4242"});
+}
+
+TEST_F(BadMasks, SegmentThatTheJsonDoesNotList) {
+  WriteCocoMasks(67);
+  WriteMask(mask_names_[5], mask_size_, 8);
+  ExpectCocoRefused({mask_names_[5], "8"});
+}
+
+TEST_F(BadMasks, MalformedJson) {
+  WriteCocoMasks(67);
+  Truncate(inputs_ / "masks.json", 0.9);
+  ExpectCocoRefused({"masks.json"});
+}
+
+TEST_F(BadMasks, JsonOfSomethingElse) {
+  inputs_.Write("masks.json", R"({"images": [1, 2, 3]})");
+  ExpectCocoRefused({"masks.json", "annotations"});
+}
+
+TEST_F(BadMasks, MalformedClassTable) {
+  const auto table = inputs_.Write("classes.json", R"({"classes": [{"id": 1}]})");
+  ExpectRefusedWithoutTrace(
+      "s3-lift",
+      {"--model", model().string(), "--masks", masks().string(), "--classes", table.string()},
+      kBadInput, {table.string()});
+}
+
+TEST_F(BadMasks, MissingClassTable) {
+  ExpectRefusedWithoutTrace("s3-lift",
+                            {"--model", model().string(), "--masks", masks().string(), "--classes",
+                             "/nonexistent/classes.json"},
+                            kBadInput, {"/nonexistent/classes.json"});
+}
+
+}  // namespace
+}  // namespace s3lam
