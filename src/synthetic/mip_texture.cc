@@ -29,12 +29,11 @@ MipTexture::MipTexture(const cv::Mat& bgr) {
   }
 }
 
-MipTexture::Sampler MipTexture::At(float lod) const {
-  const float level = std::clamp(lod, 0.0F, static_cast<float>(levels_.size() - 1));
-  const auto fine = static_cast<size_t>(level);
-  const size_t coarse = std::min(fine + 1, levels_.size() - 1);
-  const float share = level - static_cast<float>(fine);
-  return {levels_[fine], levels_[coarse], static_cast<uint32_t>(share * 256.0F)};
+MipTexture::Sampler MipTexture::At(float lod, float dither) const {
+  const float top = static_cast<float>(levels_.size() - 1);
+  // Rounding down happens above zero, so that it is the floor.
+  const float level = std::clamp(std::max(lod, 0.0F) + dither, 0.0F, top);
+  return Sampler(levels_[static_cast<size_t>(level)]);
 }
 
 }  // namespace s3lam::synthetic

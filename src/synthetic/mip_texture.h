@@ -40,10 +40,11 @@ class MipTexture {
   [[nodiscard]] int width() const { return levels_.front().width; }
   [[nodiscard]] int height() const { return levels_.front().height; }
 
-  /// The two levels to blend for one level of detail, chosen once for neighbouring samples.
+  /// One level of the pyramid, chosen once for neighbouring samples.
   class Sampler;
-  /// `lod` = log2 of the footprint in texels of level 0.
-  [[nodiscard]] Sampler At(float lod) const;
+  /// `lod` = log2 of the footprint in texels of level 0. The level is the one below lod + dither:
+  /// averaged over dithers spread evenly over [0, 1), samples blend the two nearest levels.
+  [[nodiscard]] Sampler At(float lod, float dither) const;
 
  private:
   struct Level {
@@ -59,37 +60,37 @@ class MipTexture {
 
 class MipTexture::Sampler {
  public:
-  Sampler(const Level& fine, const Level& coarse, uint32_t weight)
-      : fine_(fine), coarse_(coarse), weight_(weight) {}
+  explicit Sampler(const Level& level)
+      : texels_(level.texels.data()),
+        width_(level.width),
+        scale_x_(level.scale_x),
+        scale_y_(level.scale_y),
+        last_x_(static_cast<float>(level.width - 1)),
+        last_y_(static_cast<float>(level.height - 1)) {}
 
-  /// Trilinear sample at (x, y) texels of level 0 (first texel's centre at 0.5), clamped at the
+  /// Bilinear sample at (x, y) texels of level 0 (first texel's centre at 0.5), clamped at the
   /// border.
   [[nodiscard]] Lanes operator()(float x, float y) const {
-    const Lanes sample = Bilinear(fine_, x, y);
-    return weight_ == 0 ? sample : Blend(sample, Bilinear(coarse_, x, y), weight_);
+    const float fx = std::min(std::max(x * scale_x_ - 0.5F, 0.0F), last_x_);
+    const float fy = std::min(std::max(y * scale_y_ - 0.5F, 0.0F), last_y_);
+    const int ix = static_cast<int>(fx);
+    const int iy = static_cast<int>(fy);
+    const float left = static_cast<float>(ix);
+    const float top = static_cast<float>(iy);
+    const auto wx = static_cast<uint32_t>(static_cast<int>((fx - left) * 256.0F));
+    const auto wy = static_cast<uint32_t>(static_cast<int>((fy - top) * 256.0F));
+    const int right = left < last_x_ ? 1 : 0;
+    const int below = top < last_y_ ? width_ : 0;
+    const uint32_t* at = texels_ + static_cast<ptrdiff_t>(iy) * width_ + ix;
+    const Lanes upper = Blend(LanesOfTexel(at[0]), LanesOfTexel(at[right]), wx);
+    const Lanes lower = Blend(LanesOfTexel(at[below]), LanesOfTexel(at[below + right]), wx);
+    return Blend(upper, lower, wy);
   }
 
  private:
-  static Lanes Bilinear(const Level& level, float x, float y) {
-    const float fx =
-        std::min(std::max(x * level.scale_x - 0.5F, 0.0F), static_cast<float>(level.width - 1));
-    const float fy =
-        std::min(std::max(y * level.scale_y - 0.5F, 0.0F), static_cast<float>(level.height - 1));
-    const int ix = static_cast<int>(fx);
-    const int iy = static_cast<int>(fy);
-    const auto wx = static_cast<uint32_t>(static_cast<int>((fx - static_cast<float>(ix)) * 256.0F));
-    const auto wy = static_cast<uint32_t>(static_cast<int>((fy - static_cast<float>(iy)) * 256.0F));
-    const int right = ix + 1 < level.width ? 1 : 0;
-    const int below = iy + 1 < level.height ? level.width : 0;
-    const uint32_t* at = level.texels.data() + static_cast<ptrdiff_t>(iy) * level.width + ix;
-    const Lanes top = Blend(LanesOfTexel(at[0]), LanesOfTexel(at[right]), wx);
-    const Lanes bottom = Blend(LanesOfTexel(at[below]), LanesOfTexel(at[below + right]), wx);
-    return Blend(top, bottom, wy);
-  }
-
-  const Level& fine_;
-  const Level& coarse_;
-  uint32_t weight_;  // Of the coarse level, of 256.
+  const uint32_t* texels_;
+  int width_;
+  float scale_x_, scale_y_, last_x_, last_y_;
 };
 
 }  // namespace s3lam::synthetic

@@ -112,9 +112,9 @@ void PaintPavement(Painter& p) {
       p.FillRect(x, y, size - gap, size - gap, p.Vary(p.Mix(rng.Uniform(0.0, 0.5)), 18.0));
     }
   }
-  p.AddFlecks(20.0, 0.02, 0.12, 55.0);
+  p.AddFlecks(35.0, 0.02, 0.12, 60.0);
   p.AddCracks(1.0, 0.6, 45.0);
-  p.AddNoiseOctaves(24.0, 5.0);
+  p.AddNoiseOctaves(p.m(0.3), 7.0);
 }
 
 void PaintCarBody(Painter& p) {
@@ -136,8 +136,8 @@ void PaintCarBody(Painter& p) {
   p.AddText(cv::Rect(static_cast<int>(0.4 * w), static_cast<int>(0.6 * h),
                      static_cast<int>(0.25 * w), static_cast<int>(0.15 * h)),
             0.1 * h, p.Mix(1.0));
-  p.AddFlecks(8.0, 0.01, 0.06, 60.0);
-  p.AddNoiseOctaves(12.0, 3.0);
+  p.AddFlecks(120.0, 0.01, 0.08, 80.0);  // Reflections, dirt.
+  p.AddNoiseOctaves(p.m(0.2), 8.0);
 }
 
 }  // namespace s3lam::synthetic

@@ -52,21 +52,39 @@ struct Shading {
   const synthetic::PreparedCurved* curved = nullptr;  // Set for curved surfaces.
 };
 
+// One sub-exposure.
+struct SubExposure {
+  const synthetic::RayTable* rays = nullptr;
+  synthetic::View view;
+  std::vector<Shading> shadings;  // Per surface; refers to the view.
+  float dither = 0.0F;            // Of the level of detail.
+};
+
+// Consecutive pixels of a row that show one surface.
+struct Run {
+  const float* x;
+  const float* y;
+  const float* inverse_depth;
+  Lanes* sums;
+  size_t count;
+};
+
 }  // namespace
 
 struct Renderer::Impl {
-  Impl(const Scene& the_scene, int num_threads);
+  Impl(const Scene& the_scene, int num_threads, RenderContent content);
+  void PaintTextures(int num_threads);
 
   [[nodiscard]] std::vector<Shading> MakeShadings(const synthetic::View& view) const;
   [[nodiscard]] float PolygonDetail(const Shading& shading, float x, float y,
                                     float inverse_depth) const;
-  void ShadePolygon(const Shading& shading, int surface, const float* x, const float* y,
-                    const float* inverse_depth, size_t count, Lanes* sums) const;
-  [[nodiscard]] Lanes ShadeCurved(const Shading& shading, int surface, float x, float y,
-                                  float inverse_depth) const;
-  void ShadeRun(const Shading& shading, int surface, const float* x, const float* y,
-                const float* inverse_depth, size_t count, Lanes* sums) const;
-  void AddSample(int frame, int sample, std::vector<Lanes>& sums) const;
+  void ShadePolygon(const Shading& shading, int surface, float dither, const Run& run) const;
+  [[nodiscard]] Lanes ShadeCurved(const Shading& shading, int surface, float dither, float x,
+                                  float y, float inverse_depth) const;
+  void ShadeRun(const SubExposure& exposure, int surface, const Run& run) const;
+  void PrepareExposures(int frame, std::array<SubExposure, kSamples>& exposures) const;
+  void AddBand(const SubExposure& exposure, int begin, int end, std::vector<float>& inverse_depth,
+               std::vector<int>& surface, Lanes* sums) const;
   [[nodiscard]] cv::Mat Develop(int frame, const std::vector<Lanes>& sums) const;
   void RenderTruth(RenderedFrame& frame) const;
   [[nodiscard]] uint32_t Light(const Eigen::Vector3d& normal_in_world) const;
@@ -81,20 +99,16 @@ struct Renderer::Impl {
   std::vector<float> noise;     // Normal deviates.
 };
 
-Renderer::Impl::Impl(const Scene& the_scene, int num_threads)
+Renderer::Impl::Impl(const Scene& the_scene, int num_threads, RenderContent content)
     : scene(the_scene),
       pixel_x(static_cast<float>(1.0 / the_scene.camera.FocalX())),
       pixel_y(static_cast<float>(1.0 / the_scene.camera.FocalY())) {
   center_rays = synthetic::MakeRayTable(scene.camera, num_threads);
+  if (content == RenderContent::kLabelsOnly) return;
+  PaintTextures(num_threads);
   for (size_t i = 0; i < kSamples; ++i) {
     sample_rays[i] = synthetic::ShiftRayTable(center_rays, kShifts[i][0], kShifts[i][1]);
   }
-  frames.resize(scene.surfaces.size());
-  textures.resize(scene.surfaces.size());
-  ParallelFor(scene.surfaces.size(), num_threads, [&](size_t i) {
-    frames[i] = synthetic::TextureFrameOf(scene.surfaces[i]);
-    textures[i] = synthetic::MipTexture(PaintTexture(scene.surfaces[i].texture, frames[i].size_m));
-  });
   // Light falls off with the square of the ray's slope, to the stated loss in the corner.
   double corner = 1e-12;
   for (size_t i = 0; i < center_rays.x.size(); ++i) {
@@ -108,6 +122,15 @@ Renderer::Impl::Impl(const Scene& the_scene, int num_threads)
   Rng rng = Rng(scene.seed).Fork(77);
   noise.resize(kNoiseTableSize);
   for (float& value : noise) value = static_cast<float>(rng.Gaussian());
+}
+
+void Renderer::Impl::PaintTextures(int num_threads) {
+  frames.resize(scene.surfaces.size());
+  textures.resize(scene.surfaces.size());
+  ParallelFor(scene.surfaces.size(), num_threads, [&](size_t i) {
+    frames[i] = synthetic::TextureFrameOf(scene.surfaces[i]);
+    textures[i] = synthetic::MipTexture(PaintTexture(scene.surfaces[i].texture, frames[i].size_m));
+  });
 }
 
 uint32_t Renderer::Impl::Light(const Eigen::Vector3d& normal_in_world) const {
@@ -166,21 +189,21 @@ float Renderer::Impl::PolygonDetail(const Shading& s, float x, float y, float in
 }
 
 // Neighbouring pixels of one surface share the level of detail.
-void Renderer::Impl::ShadePolygon(const Shading& s, int surface, const float* x, const float* y,
-                                  const float* inverse_depth, size_t count, Lanes* sums) const {
-  const size_t middle = count / 2;
-  const float lod = PolygonDetail(s, x[middle], y[middle], inverse_depth[middle]);
-  const auto sampler = textures[static_cast<size_t>(surface)].At(lod);
+void Renderer::Impl::ShadePolygon(const Shading& s, int surface, float dither,
+                                  const Run& run) const {
+  const size_t middle = run.count / 2;
+  const float lod = PolygonDetail(s, run.x[middle], run.y[middle], run.inverse_depth[middle]);
+  const auto sampler = textures[static_cast<size_t>(surface)].At(lod, dither);
   const float u_x = s.u[0], u_y = s.u[1], u_1 = s.u[2], v_x = s.v[0], v_y = s.v[1], v_1 = s.v[2];
-  for (size_t i = 0; i < count; ++i) {
-    const float depth = 1.0F / inverse_depth[i];
-    const float u = (u_x * x[i] + u_y * y[i] + u_1) * depth + s.u0;
-    const float v = (v_x * x[i] + v_y * y[i] + v_1) * depth + s.v0;
-    sums[i] += synthetic::Scale(sampler(u, v), s.light);
+  for (size_t i = 0; i < run.count; ++i) {
+    const float depth = 1.0F / run.inverse_depth[i];
+    const float u = (u_x * run.x[i] + u_y * run.y[i] + u_1) * depth + s.u0;
+    const float v = (v_x * run.x[i] + v_y * run.y[i] + v_1) * depth + s.v0;
+    run.sums[i] += synthetic::Scale(sampler(u, v), s.light);
   }
 }
 
-Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float x, float y,
+Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float dither, float x, float y,
                                   float inverse_depth) const {
   const auto index = static_cast<size_t>(surface);
   const Surface& shape = scene.surfaces[index];
@@ -190,7 +213,8 @@ Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float x, float 
   Eigen::Vector3d local = curved.origin + depth * direction;
   const double turn = std::max(shape.angle_min, -std::numbers::pi);
   const double end = std::min(shape.angle_max, std::numbers::pi);
-  const double u = (std::atan2(local.y(), local.x()) - turn) / (end - turn);
+  const float angle = std::atan2(static_cast<float>(local.y()), static_cast<float>(local.x()));
+  const double u = (angle - turn) / (end - turn);
   double v;
   if (shape.shape == SurfaceShape::kCylinder) {
     v = (local.z() - shape.z_min) / (shape.z_max - shape.z_min);
@@ -210,54 +234,62 @@ Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float x, float 
   const double texels_per_m = texture.width() / frames[index].size_m.x();
   const auto minor = static_cast<float>(depth * pixel_x * texels_per_m);
   const auto major = static_cast<float>(minor / slant);
-  const auto sampler = texture.At(LevelOfDetail(major * major, minor * minor));
+  const auto sampler = texture.At(LevelOfDetail(major * major, minor * minor), dither);
   const Lanes color = sampler(static_cast<float>(u * texture.width()),
                               static_cast<float>((1.0 - v) * texture.height()));
   return synthetic::Scale(color, Light(normal));
 }
 
-void Renderer::Impl::ShadeRun(const Shading& shading, int surface, const float* x, const float* y,
-                              const float* inverse_depth, size_t count, Lanes* sums) const {
+void Renderer::Impl::ShadeRun(const SubExposure& exposure, int surface, const Run& run) const {
+  const Shading& shading = exposure.shadings[static_cast<size_t>(surface)];
   if (shading.curved == nullptr) {
-    ShadePolygon(shading, surface, x, y, inverse_depth, count, sums);
+    ShadePolygon(shading, surface, exposure.dither, run);
     return;
   }
-  for (size_t i = 0; i < count; ++i) {
-    sums[i] += ShadeCurved(shading, surface, x[i], y[i], inverse_depth[i]);
+  for (size_t i = 0; i < run.count; ++i) {
+    run.sums[i] +=
+        ShadeCurved(shading, surface, exposure.dither, run.x[i], run.y[i], run.inverse_depth[i]);
   }
 }
 
-void Renderer::Impl::AddSample(int frame, int sample, std::vector<Lanes>& sums) const {
-  const synthetic::RayTable& rays = sample_rays[static_cast<size_t>(sample)];
-  const double shift = (sample + 0.5) / kSamples - 0.5;
-  const Rigid3 world_from_camera =
-      scene.path.WorldFromCamera(scene.TimeOf(frame) + shift * scene.imaging.exposure_time_s);
-  const synthetic::View view = synthetic::PrepareView(scene, rays, world_from_camera.Inverse());
-  const std::vector<Shading> shadings = MakeShadings(view);
+void Renderer::Impl::PrepareExposures(int frame,
+                                      std::array<SubExposure, kSamples>& exposures) const {
+  for (size_t k = 0; k < kSamples; ++k) {
+    SubExposure& exposure = exposures[k];
+    const double share = (static_cast<double>(k) + 0.5) / kSamples;
+    const Rigid3 world_from_camera = scene.path.WorldFromCamera(
+        scene.TimeOf(frame) + (share - 0.5) * scene.imaging.exposure_time_s);
+    exposure.rays = &sample_rays[k];
+    exposure.view = synthetic::PrepareView(scene, sample_rays[k], world_from_camera.Inverse());
+    exposure.shadings = MakeShadings(exposure.view);
+    exposure.dither = static_cast<float>(share);
+  }
+}
+
+// Adds one sub-exposure to rows [begin, end); `sums` starts at row 0. The two buffers are scratch.
+void Renderer::Impl::AddBand(const SubExposure& exposure, int begin, int end,
+                             std::vector<float>& inverse_depth, std::vector<int>& surface,
+                             Lanes* sums) const {
   const Rgb& sky = scene.background;
   const Lanes background = synthetic::LanesOfColor(sky[2], sky[1], sky[0]);
-  const int width = rays.width;
-  std::vector<float> inverse_depth(static_cast<size_t>(width * kBandRows));
-  std::vector<int> surface(inverse_depth.size());
-  for (int begin = 0; begin < rays.height; begin += kBandRows) {
-    const int end = std::min(rays.height, begin + kBandRows);
-    synthetic::FindVisible(scene, rays, view, begin, end, inverse_depth.data(), surface.data());
-    const auto offset = static_cast<size_t>(begin * width);
-    const auto row_size = static_cast<size_t>(width);
-    const auto size = static_cast<size_t>(end - begin) * row_size;
-    for (size_t i = 0; i < size;) {
-      size_t run = 1;
-      const size_t row_end = (i / row_size + 1) * row_size;
-      while (run < kRunPixels && i + run < row_end && surface[i + run] == surface[i]) ++run;
-      const size_t at = offset + i;
-      if (surface[i] < 0) {
-        for (size_t k = 0; k < run; ++k) sums[at + k] += background;
-      } else {
-        ShadeRun(shadings[static_cast<size_t>(surface[i])], surface[i], &rays.x[at], &rays.y[at],
-                 &inverse_depth[i], run, &sums[at]);
-      }
-      i += run;
+  const synthetic::RayTable& rays = *exposure.rays;
+  const auto row_size = static_cast<size_t>(rays.width);
+  synthetic::FindVisible(scene, rays, exposure.view, begin, end, inverse_depth.data(),
+                         surface.data());
+  const auto offset = static_cast<size_t>(begin) * row_size;
+  const size_t size = static_cast<size_t>(end - begin) * row_size;
+  for (size_t i = 0; i < size;) {
+    size_t count = 1;
+    const size_t row_end = (i / row_size + 1) * row_size;
+    while (count < kRunPixels && i + count < row_end && surface[i + count] == surface[i]) ++count;
+    const size_t at = offset + i;
+    if (surface[i] < 0) {
+      for (size_t k = 0; k < count; ++k) sums[at + k] += background;
+    } else {
+      ShadeRun(exposure, surface[i],
+               {&rays.x[at], &rays.y[at], &inverse_depth[i], sums + at, count});
     }
+    i += count;
   }
 }
 
@@ -319,8 +351,8 @@ void Renderer::Impl::RenderTruth(RenderedFrame& frame) const {
   }
 }
 
-Renderer::Renderer(const Scene& scene, int num_threads)
-    : impl_(std::make_unique<Impl>(scene, num_threads)) {}
+Renderer::Renderer(const Scene& scene, int num_threads, RenderContent content)
+    : impl_(std::make_unique<Impl>(scene, num_threads, content)) {}
 Renderer::~Renderer() = default;
 
 RenderedFrame Renderer::RenderLabels(int frame) const {
@@ -332,9 +364,21 @@ RenderedFrame Renderer::RenderLabels(int frame) const {
 }
 
 RenderedFrame Renderer::Render(int frame) const {
+  S3LAM_CHECK(!impl_->textures.empty());
   RenderedFrame rendered = RenderLabels(frame);
+  std::array<SubExposure, kSamples> exposures;
+  impl_->PrepareExposures(frame, exposures);
+  const int width = impl_->center_rays.width;
+  const int height = impl_->center_rays.height;
   std::vector<Lanes> sums(impl_->center_rays.x.size(), 0);
-  for (int sample = 0; sample < kSamples; ++sample) impl_->AddSample(frame, sample, sums);
+  std::vector<float> inverse_depth(static_cast<size_t>(width * kBandRows));
+  std::vector<int> surface(inverse_depth.size());
+  for (int begin = 0; begin < height; begin += kBandRows) {
+    const int end = std::min(height, begin + kBandRows);
+    for (const SubExposure& exposure : exposures) {
+      impl_->AddBand(exposure, begin, end, inverse_depth, surface, sums.data());
+    }
+  }
   rendered.image = impl_->Develop(frame, sums);
   return rendered;
 }

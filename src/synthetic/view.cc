@@ -124,6 +124,13 @@ void PrepareCurved(const RayTable& rays, const Surface& surface, int index, View
   PreparedCurved prepared;
   prepared.surface = index;
   SetWindow(*window, prepared);
+  const double reach = 0.5 * (surface.angle_max - surface.angle_min);
+  if (reach < std::numbers::pi) {
+    const double middle = 0.5 * (surface.angle_max + surface.angle_min);
+    prepared.middle_x = std::cos(middle);
+    prepared.middle_y = std::sin(middle);
+    prepared.cos_reach = std::cos(reach);
+  }
   const Rigid3 local_from_cam = surface.world_from_local.Inverse() * view.cam_from_world.Inverse();
   const Eigen::Vector3d inverse_radii = surface.radii.cwiseInverse();
   prepared.origin = inverse_radii.cwiseProduct(local_from_cam.translation);
@@ -266,9 +273,9 @@ double HitCurved(const Surface& surface, const PreparedCurved& prepared, const E
     if (depth < kNear_m) continue;
     local = origin + depth * direction;
     if (local.z() < surface.z_min || local.z() > surface.z_max) continue;
-    if (surface.angle_min > -std::numbers::pi || surface.angle_max < std::numbers::pi) {
-      const double angle = std::atan2(local.y(), local.x());
-      if (angle < surface.angle_min || angle > surface.angle_max) continue;
+    if (prepared.cos_reach > -1.0) {
+      const double cosine = prepared.middle_x * local.x() + prepared.middle_y * local.y();
+      if (cosine < prepared.cos_reach * std::hypot(local.x(), local.y())) continue;
     }
     return depth;
   }

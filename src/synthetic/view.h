@@ -46,6 +46,8 @@ struct PreparedPolygon {
 struct PreparedCurved {
   int surface = 0;
   int x_begin = 0, x_end = 0, y_begin = 0, y_end = 0;
+  // Azimuths allowed: those within an angle of a direction, by the cosine of that angle.
+  double middle_x = 1.0, middle_y = 0.0, cos_reach = -2.0;
   // The ray in the unit shape's frame: origin + depth * (matrix * r).
   Eigen::Vector3d origin;
   Eigen::Matrix3d matrix;
