@@ -1,0 +1,48 @@
+#pragma once
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "s3lam/io/file.h"
+#include "support/run_program.h"
+
+namespace s3lam::testing {
+
+/// What tests/chain/make.sh left: scene/, 1_slam/, 2_lift_*/, 3_refine_*/. ctest runs it before the
+/// tests that need it.
+inline std::filesystem::path ChainFolder(const std::string& name) {
+  const std::filesystem::path folder = std::filesystem::path(S3LAM_TEST_CHAIN_DIR) / name;
+  if (!std::filesystem::exists(folder)) {
+    throw std::runtime_error(folder.string() + " is missing: run ctest -R chain.make first");
+  }
+  return folder;
+}
+
+inline nlohmann::json ChainReport(const std::string& name) {
+  return ReadJson(ChainFolder(name) / "report.json");
+}
+
+inline std::string Tool(const std::string& name) {
+  return (std::filesystem::path(S3LAM_TEST_BIN_DIR) / name).string();
+}
+
+/// What s3-eval says of a trajectory of the chain, after Sim(3) alignment.
+inline nlohmann::json ChainTrajectoryError(const std::string& name) {
+  const ProgramResult result =
+      RunProgramApart({Tool("s3-eval"), "--quiet", "--json", "--estimate",
+                       (ChainFolder(name) / "frames.txt").string(), "--ground-truth",
+                       (ChainFolder("scene") / "groundtruth.txt").string()});
+  if (result.exit_code != 0) throw std::runtime_error(result.errors);
+  return nlohmann::json::parse(result.output)["trajectory"];
+}
+
+/// Absolute trajectory error [m], RMSE.
+inline double ChainAte(const std::string& name) {
+  return ChainTrajectoryError(name)["ate"]["translation"]["rmse"].get<double>();
+}
+
+}  // namespace s3lam::testing

@@ -1,0 +1,178 @@
+// All stages, run as a user runs them on a short rendered scene with known truth.
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "chain/chain_support.h"
+#include "s3lam/io/colmap_model.h"
+#include "s3lam/io/trajectory.h"
+#include "support/temp_dir.h"
+
+namespace s3lam {
+namespace {
+
+using nlohmann::json;
+using testing::ChainAte;
+using testing::ChainFolder;
+using testing::ChainReport;
+using testing::FileBytes;
+using testing::RunProgramApart;
+using testing::TempDir;
+using testing::Tool;
+
+class Masks : public ::testing::TestWithParam<std::string> {
+ protected:
+  [[nodiscard]] static std::string Lifted() { return "2_lift_" + GetParam(); }
+  [[nodiscard]] static std::string Refined() { return "3_refine_" + GetParam(); }
+};
+INSTANTIATE_TEST_SUITE_P(Chain, Masks, ::testing::Values("clean", "noisy"),
+                         [](const auto& test) { return test.param; });
+
+TEST(Chain, EveryFrameIsLocalisedToMillimetres) {
+  const json report = ChainReport("1_slam");
+  EXPECT_EQ(report["frames_localized"], report["frames"]);
+  EXPECT_EQ(ReadTumTrajectory(ChainFolder("1_slam") / "frames.txt").size(), report["frames"]);
+  EXPECT_EQ(ReadTumTrajectory(ChainFolder("1_slam") / "keyframes.txt").size(), report["keyframes"]);
+  const json error = testing::ChainTrajectoryError("1_slam");
+  // 0.1 % of the path is what feature-based SLAM reaches on sharp, well textured images.
+  EXPECT_LT(ChainAte("1_slam"), 0.001 * error["path_length"].get<double>());
+  EXPECT_EQ(error["num_pairs"], report["frames"]);
+}
+
+TEST(Chain, PlainAdjustmentDoesNoHarm) {
+  EXPECT_LT(ChainAte("3_refine_plain"), 1.2 * ChainAte("1_slam"));
+}
+
+TEST_P(Masks, PlanarAdjustmentIsNotWorseThanThePlainOne) {
+  EXPECT_LT(ChainAte(Refined()), 1.02 * ChainAte("3_refine_plain"));
+}
+
+TEST_P(Masks, PlanarAdjustmentFlattensWhatIsPlanar) {
+  const json arms = ChainReport(Refined())["arms"];
+  ASSERT_EQ(arms.size(), 3u);
+  const double before = arms[0]["plane_rms"];
+  const double plain = arms[1]["plane_rms"];
+  const double planar = arms[2]["plane_rms"];
+  EXPECT_LT(planar, 0.5 * before);
+  EXPECT_LT(planar, 0.5 * plain);
+}
+
+/// Angle [deg] between a plane's normal and the nearest true normal of its class.
+double NormalError(const json& plane, const json& objects,
+                   const Eigen::Quaterniond& truth_from_map) {
+  const auto& n = plane["normal_in_world"];
+  const Eigen::Vector3d normal = truth_from_map * Eigen::Vector3d(n[0], n[1], n[2]);
+  double best = 90.0;
+  for (const json& object : objects) {
+    if (!object["planar"] || object["category_id"] != plane["class_id"]) continue;
+    const auto& t = object["plane_gt"]["n"];
+    const double cosine = std::abs(normal.dot(Eigen::Vector3d(t[0], t[1], t[2])));
+    best = std::min(best, std::acos(std::min(1.0, cosine)) * 180.0 / std::numbers::pi);
+  }
+  return best;
+}
+
+TEST_P(Masks, PlanesLieAsInReality) {
+  const json objects = ReadJson(ChainFolder("scene") / "objects.json")["objects"];
+  const json planes = ReadJson(ChainFolder(Lifted()) / "semantics.json")["planes"];
+  const json error = testing::ChainTrajectoryError("1_slam");
+  const auto& q = error["truth_from_estimate"]["rotation_wxyz"];
+  const Eigen::Quaterniond truth_from_map(q[0], q[1], q[2], q[3]);
+  ASSERT_GE(planes.size(), 8u);
+  std::vector<double> errors;
+  for (const json& plane : planes) errors.push_back(NormalError(plane, objects, truth_from_map));
+  std::sort(errors.begin(), errors.end());
+  EXPECT_LT(errors[errors.size() / 2], 3.0);
+}
+
+TEST_P(Masks, EveryKeyframeHasItsMask) {
+  const json report = ChainReport(Lifted());
+  EXPECT_EQ(report["images_with_mask"], ChainReport("1_slam")["keyframes"]);
+  EXPECT_GT(report["points_labelled"].get<double>(), 0.9 * report["points"].get<double>());
+}
+
+TEST_P(Masks, OutputsAreComplete) {
+  for (const char* name :
+       {"cameras.bin", "images.bin", "points3D.bin", "keyframes.txt", "frames.txt",
+        "descriptors.bin", "project.ini", "report.json", "config.json"}) {
+    EXPECT_TRUE(std::filesystem::exists(ChainFolder("1_slam") / name)) << name;
+    EXPECT_TRUE(std::filesystem::exists(ChainFolder(Refined()) / name)) << name;
+  }
+  for (const char* name : {"planes.json", "planes.ply"}) {
+    EXPECT_TRUE(std::filesystem::exists(ChainFolder(Refined()) / name)) << name;
+  }
+  for (const char* name :
+       {"semantics.json", "distributions.npy", "planes.ply", "report.json", "config.json"}) {
+    EXPECT_TRUE(std::filesystem::exists(ChainFolder(Lifted()) / name)) << name;
+  }
+  const auto model = ReadColmapModel(ChainFolder("1_slam"));
+  for (const char* name : {"model_by_class", "model_by_cluster"}) {
+    const auto colored = ReadColmapModel(ChainFolder(Lifted()) / name);
+    EXPECT_EQ(colored.points.size(), model.points.size());
+    EXPECT_EQ(colored.images.size(), model.images.size());
+  }
+}
+
+/// Every file of `folder` but the report, which has times, is the same in `other`.
+void ExpectSameBytes(const std::filesystem::path& folder, const std::filesystem::path& other) {
+  size_t compared = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (!entry.is_regular_file() || entry.path().filename() == "report.json") continue;
+    const auto relative = std::filesystem::relative(entry.path(), folder);
+    ASSERT_TRUE(std::filesystem::exists(other / relative)) << relative;
+    EXPECT_TRUE(FileBytes(entry.path()) == FileBytes(other / relative)) << relative << " differs";
+    ++compared;
+  }
+  EXPECT_GT(compared, 3u);
+}
+
+/// make.sh ran with two threads. A second run has one thread, and one of the linear algebra
+/// library, as on a machine with a single core.
+void Rerun(const std::string& tool, const std::filesystem::path& output,
+           std::vector<std::string> arguments) {
+  std::vector<std::string> words = {
+      "env",      "OPENBLAS_NUM_THREADS=1", Tool(tool), "--quiet", "--threads", "1",
+      "--output", output.string()};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  const auto result = RunProgramApart(words);
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+}
+
+TEST(SameBytes, SlamWithAnyNumberOfThreads) {
+  const TempDir dir;
+  Rerun("s3-slam", dir / "again", {"--sequence", ChainFolder("scene").string()});
+  ExpectSameBytes(ChainFolder("1_slam"), dir / "again");
+}
+
+TEST(SameBytes, LiftWithAnyNumberOfThreads) {
+  const TempDir dir;
+  Rerun("s3-lift", dir / "again",
+        {"--model", ChainFolder("1_slam").string(), "--masks",
+         (ChainFolder("scene") / "panoptic_noisy").string(), "--classes",
+         std::string(S3LAM_TEST_SOURCE_DIR) + "/configs/classes/coco.json"});
+  ExpectSameBytes(ChainFolder("2_lift_noisy"), dir / "again");
+}
+
+TEST(SameBytes, RefineWithAnyNumberOfThreads) {
+  const TempDir dir;
+  Rerun("s3-refine", dir / "again",
+        {"--model", ChainFolder("1_slam").string(), "--semantics",
+         ChainFolder("2_lift_noisy").string()});
+  ExpectSameBytes(ChainFolder("3_refine_noisy"), dir / "again");
+}
+
+TEST(SameBytes, SynthWithAnyNumberOfThreads) {
+  const TempDir dir;
+  for (const char* threads : {"1", "2"}) {
+    const auto result = RunProgramApart({Tool("s3-synth"), "--quiet", "--scene", "posters",
+                                         "--seed", "3", "--frames", "3", "--threads", threads,
+                                         "--output", (dir / threads).string()});
+    ASSERT_EQ(result.exit_code, 0) << result.errors;
+  }
+  ExpectSameBytes(dir / "1", dir / "2");
+}
+
+}  // namespace
+}  // namespace s3lam

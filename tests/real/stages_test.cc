@@ -1,0 +1,110 @@
+// All stages on the real sequences: floors that no change may fall below.
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "support/run_program.h"
+#include "support/temp_dir.h"
+
+namespace s3lam {
+namespace {
+
+using nlohmann::json;
+using testing::RunProgramApart;
+using testing::TempDir;
+
+class RealStages : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (std::string(S3LAM_TEST_DATA_DIR).empty()) {
+      GTEST_SKIP() << "no folder with real sequences given";
+    }
+  }
+
+  [[nodiscard]] static std::string Data(const std::string& name) {
+    return std::string(S3LAM_TEST_DATA_DIR) + "/" + name;
+  }
+  [[nodiscard]] std::string Output(const std::string& name) const {
+    return (outputs_ / name).string();
+  }
+
+  /// Runs a program that must succeed; its report.
+  static json Run(const std::string& tool, const std::vector<std::string>& arguments) {
+    std::vector<std::string> words = {std::string(S3LAM_TEST_BIN_DIR) + "/" + tool, "--quiet",
+                                      "--json"};
+    words.insert(words.end(), arguments.begin(), arguments.end());
+    const auto result = RunProgramApart(words);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return json::parse(result.output);
+  }
+
+  [[nodiscard]] json Slam(const std::string& sequence) const {
+    return Run("s3-slam", {"--sequence", Data(sequence), "--output", Output("slam")});
+  }
+
+  /// Lifts masks onto the SLAM's model and refines it with the planes found, and once without.
+  json LiftAndRefine(const std::string& masks, const std::string& classes) {
+    Run("s3-lift", {"--model", Output("slam"), "--masks", Data(masks), "--classes",
+                    std::string(S3LAM_TEST_SOURCE_DIR) + "/configs/classes/" + classes, "--output",
+                    Output("lift"), "--overwrite"});
+    Run("s3-refine", {"--model", Output("slam"), "--output", Output("plain"), "--overwrite",
+                      "--set", "planes.mode=off"});
+    return Run("s3-refine", {"--model", Output("slam"), "--semantics", Output("lift"), "--output",
+                             Output("planar"), "--overwrite"});
+  }
+
+  /// Absolute trajectory error of all frames [m], RMSE after Sim(3).
+  [[nodiscard]] double Ate(const std::string& result, const std::string& reference) const {
+    const json report = Run("s3-eval", {"--estimate", Output(result) + "/frames.txt",
+                                        "--ground-truth", Data(reference)});
+    return report["trajectory"]["ate"]["translation"]["rmse"];
+  }
+
+  void ExpectPlanesHelp(const json& report, const std::string& reference) const {
+    ASSERT_EQ(report["arms"].size(), 3u);
+    EXPECT_LT(report["arms"][2]["plane_rms"], report["arms"][1]["plane_rms"]);
+    EXPECT_LT(Ate("planar", reference), 1.02 * Ate("plain", reference));
+  }
+
+ private:
+  TempDir outputs_;
+};
+
+TEST_F(RealStages, Redkitchen) {
+  const json report = Slam("redkitchen");
+  EXPECT_EQ(report["frames"], 1000);
+  EXPECT_GE(report["frames_localized"], 950);
+  EXPECT_LE(Ate("slam", "redkitchen/groundtruth.txt"), 0.06);
+  for (const std::string masks : {"clean", "noisy"}) {
+    SCOPED_TRACE(masks);
+    ExpectPlanesHelp(LiftAndRefine("redkitchen/panoptic_" + masks, "coco.json"),
+                     "redkitchen/trajectory_colour_sfm.txt");
+    EXPECT_LE(Ate("planar", "redkitchen/groundtruth.txt"), 0.06);
+  }
+}
+
+TEST_F(RealStages, Kitti07) {
+  const json report = Slam("kitti07");
+  EXPECT_EQ(report["frames"], 160);
+  EXPECT_GE(report["frames_localized"], 155);
+  EXPECT_LE(Ate("slam", "kitti07/groundtruth.txt"), 0.45);
+  for (const std::string masks : {"panoptic", "panoptic_noisy"}) {
+    SCOPED_TRACE(masks);
+    ExpectPlanesHelp(LiftAndRefine("kitti07/" + masks, "cityscapes.json"),
+                     "kitti07/groundtruth.txt");
+  }
+}
+
+TEST_F(RealStages, Mh05) {
+  const json report = Slam("mh05");
+  EXPECT_EQ(report["frames"], 585);
+  EXPECT_GE(report["frames_localized"], 520);
+  EXPECT_LE(Ate("slam", "mh05/groundtruth.txt"), 0.08);
+}
+
+}  // namespace
+}  // namespace s3lam
