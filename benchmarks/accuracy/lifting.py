@@ -240,7 +240,7 @@ def plane_measures(lifted, truth):
                   enumerate(lifted.planes)]
         count, index = max(shared, default=(0, 0))
         row = {"object": info["name"], "points": len(points), "inliers": count}
-        if count >= len(points) / 3:
+        if count >= len(points) / 4:
             normal, offset = plane_in_truth(lifted.planes[-index], truth.alignment)
             true_normal, true_offset = np.array(info["plane_sfm"]["n"]), info["plane_sfm"]["d"]
             centre = np.array(info["centroid_sfm"])

@@ -77,7 +77,9 @@ class PlaneEstimator {
   using Model = Plane;
   static constexpr size_t kSampleSize = 3;
 
-  PlaneEstimator(std::span<const UncertainPoint> points, double local_radius) : points_(points) {
+  PlaneEstimator(std::span<const UncertainPoint> points, double local_radius,
+                 const NormalBand& band)
+      : points_(points), band_(band) {
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
     for (const UncertainPoint& p : points) mean += p.xyz;
     mean /= static_cast<double>(points.size());
@@ -116,6 +118,7 @@ class PlaneEstimator {
     const Eigen::Vector3d normal = a.cross(b);
     if (!(normal.norm() > kMinSine * a.norm() * b.norm())) return;
     const Eigen::Vector3d unit = normal.normalized();
+    if (!band_.Contains(unit)) return;
     planes.push_back({unit, -unit.dot(origin)});
   }
 
@@ -127,12 +130,13 @@ class PlaneEstimator {
 
   [[nodiscard]] std::optional<Plane> Refine(const Plane&, std::span<const size_t> inliers) const {
     const auto fit = FitPlane(points_, inliers);
-    if (!fit) return std::nullopt;
+    if (!fit || !band_.Contains(fit->plane.normal)) return std::nullopt;
     return fit->plane;
   }
 
  private:
   std::span<const UncertainPoint> points_;
+  NormalBand band_;
   double squared_radius_ = 0.0;
   double min_sigma_ = 0.0;
 };
@@ -159,13 +163,15 @@ std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
 }
 
 std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
-                                         const PlaneFitOptions& options, Rng& rng) {
+                                         const PlaneFitOptions& options, const NormalBand& band,
+                                         Rng& rng) {
   if (points.size() < PlaneEstimator::kSampleSize) return std::nullopt;
-  const PlaneEstimator estimator(points, options.local_radius);
+  const PlaneEstimator estimator(points, options.local_radius, band);
   const auto found = Ransac(estimator, options.inlier_sigmas, options.ransac, rng);
   if (!found) return std::nullopt;
   const std::optional<PlaneFit> fit = FitPlane(points, found->inliers);
-  if (!fit || fit->spread_v < options.min_width_ratio * fit->spread_u) return std::nullopt;
+  if (!fit || !band.Contains(fit->plane.normal)) return std::nullopt;
+  if (fit->spread_v < options.min_width_ratio * fit->spread_u) return std::nullopt;
   const Eigen::Matrix2d tilt = fit->covariance.topLeftCorner<2, 2>();
   const double tilt_variance =
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(tilt, Eigen::EigenvaluesOnly).eigenvalues()[1];

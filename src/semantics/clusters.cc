@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <optional>
 #include <utility>
 
 namespace s3lam {
@@ -29,7 +30,7 @@ int32_t InstanceOfRow(const MaskObservations& observations, const InstanceAssign
   std::map<int32_t, int> inside;
   std::map<int32_t, int> all;
   for (const PointObservation& o : observations.ObservationsOf(row)) {
-    if (o.segment == kVoidSegment) continue;
+    if (o.segment == kVoidSegment || o.predicted) continue;
     const auto s = static_cast<size_t>(o.segment);
     const int32_t instance = instances.instance_of_segment[s];
     if (instance == kNoInstance) continue;
@@ -40,27 +41,20 @@ int32_t InstanceOfRow(const MaskObservations& observations, const InstanceAssign
   return MostVoted(inside.empty() ? all : inside);
 }
 
-/// Clusters by key, each with its points and the segments it was seen in.
+/// Clusters by key, each with its points and segments.
 std::vector<Cluster> CollectClusters(const MaskObservations& observations,
-                                     const InstanceAssignment& instances,
-                                     const std::vector<std::pair<bool, Key>>& key_of_row,
-                                     const std::map<int32_t, int>& class_of_instance) {
+                                     const std::vector<std::optional<Key>>& key_of_row,
+                                     const std::vector<std::optional<Key>>& key_of_segment) {
   std::map<Key, Cluster> clusters;
   for (size_t row = 0; row < key_of_row.size(); ++row) {
-    const auto& [has_key, key] = key_of_row[row];
-    if (!has_key) continue;
-    Cluster& cluster = clusters[key];
-    cluster.class_index = key.first;
+    if (!key_of_row[row]) continue;
+    Cluster& cluster = clusters[*key_of_row[row]];
+    cluster.class_index = key_of_row[row]->first;
     cluster.points.push_back(observations.points[row]);
   }
-  for (size_t s = 0; s < observations.segments.size(); ++s) {
-    const int32_t instance = instances.instance_of_segment[s];
-    if (instance == kNoInstance) continue;
-    const auto known = class_of_instance.find(instance);
-    const int class_index = known != class_of_instance.end()
-                                ? known->second
-                                : observations.segments[s].label.class_index;
-    const auto it = clusters.find({class_index, instance});
+  for (size_t s = 0; s < key_of_segment.size(); ++s) {
+    if (!key_of_segment[s]) continue;
+    const auto it = clusters.find(*key_of_segment[s]);
     if (it != clusters.end()) it->second.segments.push_back(observations.segments[s].ref);
   }
   std::vector<Cluster> result;
@@ -69,6 +63,23 @@ std::vector<Cluster> CollectClusters(const MaskObservations& observations,
     result.push_back(std::move(cluster));
   }
   return result;
+}
+
+/// The class of every instance, from the sum of its points' distributions. Stuff has no instances:
+/// those of one such class share the lowest's key.
+std::map<int32_t, Key> KeysOfInstances(const std::map<int32_t, Eigen::VectorXd>& sums,
+                                       const ClassTable& class_table) {
+  std::map<int32_t, Key> keys;
+  std::map<int, int32_t> first_of_stuff;
+  for (const auto& [instance, sum] : sums) {
+    int class_index = 0;
+    sum.maxCoeff(&class_index);
+    const bool is_thing = class_table.classes[static_cast<size_t>(class_index)].is_thing;
+    const int32_t first =
+        is_thing ? instance : first_of_stuff.emplace(class_index, instance).first->second;
+    keys[instance] = {class_index, first};
+  }
+  return keys;
 }
 
 Eigen::Vector3d Centroid(const Reconstruction& reconstruction, const std::vector<PointId>& points) {
@@ -134,18 +145,25 @@ void ClusterOptions::Visit(OptionVisitor& v) {
 std::vector<Cluster> ClusterByClassAndInstance(const MaskObservations& observations,
                                                const InstanceAssignment& instances,
                                                const ClassDistributions& distributions) {
-  std::vector<std::pair<bool, Key>> key_of_row(observations.points.size());
+  std::vector<std::optional<Key>> key_of_row(observations.points.size());
   for (size_t row = 0; row < key_of_row.size(); ++row) {
     const int class_index = MostLikelyClass(distributions, row);
     const int32_t instance = InstanceOfRow(observations, instances, row, class_index);
-    key_of_row[row] = {instance != kNoInstance, {class_index, instance}};
+    if (instance != kNoInstance) key_of_row[row] = Key{class_index, instance};
   }
-  return CollectClusters(observations, instances, key_of_row, {});
+  std::vector<std::optional<Key>> key_of_segment(observations.segments.size());
+  for (size_t s = 0; s < key_of_segment.size(); ++s) {
+    const int32_t instance = instances.instance_of_segment[s];
+    if (instance == kNoInstance) continue;
+    key_of_segment[s] = Key{observations.segments[s].label.class_index, instance};
+  }
+  return CollectClusters(observations, key_of_row, key_of_segment);
 }
 
 std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
                                        const InstanceAssignment& instances,
-                                       const ClassDistributions& distributions) {
+                                       const ClassDistributions& distributions,
+                                       const ClassTable& class_table) {
   std::vector<int32_t> instance_of_row(observations.points.size());
   std::map<int32_t, Eigen::VectorXd> sums;
   for (size_t row = 0; row < instance_of_row.size(); ++row) {
@@ -157,15 +175,17 @@ std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
     const auto [it, is_new] = sums.emplace(instance, p);
     if (!is_new) it->second += p;
   }
-  std::map<int32_t, int> class_of_instance;
-  for (const auto& [instance, sum] : sums) sum.maxCoeff(&class_of_instance[instance]);
-  std::vector<std::pair<bool, Key>> key_of_row(observations.points.size());
+  const std::map<int32_t, Key> keys = KeysOfInstances(sums, class_table);
+  std::vector<std::optional<Key>> key_of_row(observations.points.size());
   for (size_t row = 0; row < key_of_row.size(); ++row) {
-    const int32_t instance = instance_of_row[row];
-    if (instance == kNoInstance) continue;
-    key_of_row[row] = {true, {class_of_instance.at(instance), instance}};
+    if (instance_of_row[row] != kNoInstance) key_of_row[row] = keys.at(instance_of_row[row]);
   }
-  return CollectClusters(observations, instances, key_of_row, class_of_instance);
+  std::vector<std::optional<Key>> key_of_segment(observations.segments.size());
+  for (size_t s = 0; s < key_of_segment.size(); ++s) {
+    const auto it = keys.find(instances.instance_of_segment[s]);
+    if (it != keys.end()) key_of_segment[s] = it->second;
+  }
+  return CollectClusters(observations, key_of_row, key_of_segment);
 }
 
 int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint& descriptors,

@@ -15,7 +15,7 @@ std::vector<size_t> UsableSegments(const MaskObservations& observations, size_t 
   std::vector<size_t> inside;
   std::vector<size_t> all;
   for (const PointObservation& o : observations.ObservationsOf(row)) {
-    if (o.segment == kVoidSegment) continue;
+    if (o.segment == kVoidSegment || o.predicted) continue;
     all.push_back(static_cast<size_t>(o.segment));
     if (!o.near_border) inside.push_back(static_cast<size_t>(o.segment));
   }

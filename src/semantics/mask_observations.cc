@@ -86,28 +86,60 @@ bool IsNearBorder(const SegmentImage& ids, Eigen::Index x, Eigen::Index y, doubl
   return false;
 }
 
-void LookUpKeypoints(const PanopticFrame& frame, const Camera& camera, double border_px,
-                     FrameLookup& lookup) {
-  const SegmentImage& ids = frame.segment_ids;
-  const double scale_x = static_cast<double>(ids.cols()) / camera.width;
-  const double scale_y = static_cast<double>(ids.rows()) / camera.height;
-  lookup.is_scaled = ids.cols() != camera.width || ids.rows() != camera.height;
-  for (const Point2D& keypoint : lookup.image->points2D) {
-    if (!keypoint.point_id.valid()) continue;
-    const auto x = static_cast<Eigen::Index>(std::floor(keypoint.xy.x() * scale_x));
-    const auto y = static_cast<Eigen::Index>(std::floor(keypoint.xy.y() * scale_y));
-    if (x < 0 || y < 0 || x >= ids.cols() || y >= ids.rows()) continue;
+/// Looks pixels of one image up in its mask.
+class PixelLookup {
+ public:
+  PixelLookup(const PanopticFrame& frame, const Camera& camera, double border_px,
+              FrameLookup& lookup)
+      : frame_(frame),
+        scale_x_(static_cast<double>(frame.segment_ids.cols()) / camera.width),
+        scale_y_(static_cast<double>(frame.segment_ids.rows()) / camera.height),
+        border_px_(border_px),
+        lookup_(lookup) {
+    lookup.is_scaled =
+        frame.segment_ids.cols() != camera.width || frame.segment_ids.rows() != camera.height;
+  }
+
+  /// Adds an observation of the point, if the pixel lies in the mask.
+  void Add(PointId point_id, const Eigen::Vector2d& xy, bool predicted) {
+    const SegmentImage& ids = frame_.segment_ids;
+    const auto x = static_cast<Eigen::Index>(std::floor(xy.x() * scale_x_));
+    const auto y = static_cast<Eigen::Index>(std::floor(xy.y() * scale_y_));
+    if (x < 0 || y < 0 || x >= ids.cols() || y >= ids.rows()) return;
     PointObservation observation;
+    observation.predicted = predicted;
     if (const uint32_t id = ids(y, x); id != kNoSegment) {
-      const auto it =
-          std::lower_bound(lookup.segments.begin(), lookup.segments.end(), id,
-                           [](const auto& s, uint32_t wanted) { return s.first < wanted; });
-      S3LAM_CHECK_MSG(it != lookup.segments.end() && it->first == id,
-                      "{}: segment {} is not listed", frame.source, id);
-      observation.segment = static_cast<int32_t>(it - lookup.segments.begin());
-      observation.near_border = IsNearBorder(ids, x, y, border_px);
+      observation.segment = IndexOf(id);
+      observation.near_border = IsNearBorder(ids, x, y, border_px_);
     }
-    lookup.observations.emplace_back(keypoint.point_id, observation);
+    lookup_.observations.emplace_back(point_id, observation);
+  }
+
+ private:
+  [[nodiscard]] int32_t IndexOf(uint32_t id) const {
+    const auto it =
+        std::lower_bound(lookup_.segments.begin(), lookup_.segments.end(), id,
+                         [](const auto& s, uint32_t wanted) { return s.first < wanted; });
+    S3LAM_CHECK_MSG(it != lookup_.segments.end() && it->first == id, "{}: segment {} is not listed",
+                    frame_.source, id);
+    return static_cast<int32_t>(it - lookup_.segments.begin());
+  }
+
+  const PanopticFrame& frame_;
+  double scale_x_;
+  double scale_y_;
+  double border_px_;
+  FrameLookup& lookup_;
+};
+
+void LookUpPoints(const PanopticFrame& frame, const Camera& camera,
+                  const VisibilityPredictor& visibility, double border_px, FrameLookup& lookup) {
+  PixelLookup pixels(frame, camera, border_px, lookup);
+  for (const Point2D& keypoint : lookup.image->points2D) {
+    if (keypoint.point_id.valid()) pixels.Add(keypoint.point_id, keypoint.xy, false);
+  }
+  for (const auto& prediction : visibility.Predict(*lookup.image)) {
+    pixels.Add(prediction.point_id, prediction.xy, true);
   }
 }
 
@@ -132,7 +164,8 @@ void IndexPixels(SegmentImage&& ids, FrameLookup& lookup) {
 }
 
 FrameLookup LookUpImage(const Reconstruction& reconstruction, const Image& image,
-                        const MaskProvider& masks, const LookupOptions& options, bool keep_pixels) {
+                        const VisibilityPredictor& visibility, const MaskProvider& masks,
+                        const LookupOptions& options, bool keep_pixels) {
   FrameLookup lookup;
   lookup.image = &image;
   try {
@@ -141,7 +174,7 @@ FrameLookup LookUpImage(const Reconstruction& reconstruction, const Image& image
     const Camera& camera = reconstruction.CameraOf(image);
     CheckMaskShape(*frame, camera, image);
     lookup.segments.assign(frame->segments.begin(), frame->segments.end());
-    LookUpKeypoints(*frame, camera, options.border_px, lookup);
+    LookUpPoints(*frame, camera, visibility, options.border_px, lookup);
     if (keep_pixels) IndexPixels(std::move(frame->segment_ids), lookup);
     lookup.has_mask = true;
   } catch (const InputError&) {
@@ -214,7 +247,9 @@ class Collector {
   void Finish() {
     result_.first_observation.push_back(0);
     for (const auto& [point, observations] : by_point_) {
-      const auto labelled = [](const PointObservation& o) { return o.segment != kVoidSegment; };
+      const auto labelled = [](const PointObservation& o) {
+        return o.segment != kVoidSegment && !o.predicted;
+      };
       if (std::none_of(observations.begin(), observations.end(), labelled)) continue;
       AddRow(point, observations);
     }
@@ -248,6 +283,7 @@ void LookupOptions::Visit(OptionVisitor& v) {
           "A keypoint within this distance of another segment counts as near a border [mask px].",
           0.0, 50.0);
   v.Value("lenient", lenient, "Skip and count masks that cannot be used, instead of failing.");
+  v.Group("visibility", visibility, "Points that are visible without being observed.");
 }
 
 MaskObservations LookUpMasks(const Reconstruction& reconstruction, const MaskProvider& masks,
@@ -255,6 +291,7 @@ MaskObservations LookUpMasks(const Reconstruction& reconstruction, const MaskPro
   constexpr size_t kFramesBefore = 2;
   const std::vector<const Image*> images = ImagesInOrder(reconstruction);
   const size_t batch_size = 4 * static_cast<size_t>(ResolveThreads(num_threads));
+  const VisibilityPredictor visibility(reconstruction, options.visibility);
   MaskObservations result;
   Collector collector(result);
   std::deque<FrameLookup> before;  // The last frames with masks, latest first.
@@ -262,7 +299,8 @@ MaskObservations LookUpMasks(const Reconstruction& reconstruction, const MaskPro
   for (size_t begin = 0; begin < images.size(); begin += batch_size) {
     std::vector<FrameLookup> batch(std::min(batch_size, images.size() - begin));
     ParallelFor(batch.size(), num_threads, [&](size_t i) {
-      batch[i] = LookUpImage(reconstruction, *images[begin + i], masks, options, with_overlaps);
+      batch[i] = LookUpImage(reconstruction, *images[begin + i], visibility, masks, options,
+                             with_overlaps);
     });
     for (FrameLookup& lookup : batch) {
       std::vector<SegmentOverlap> overlaps;

@@ -13,13 +13,13 @@ constexpr std::array<std::string_view, 2> kInstanceNames = {"iou", "consensus"};
 
 std::vector<Cluster> FindClusters(const MaskObservations& observations,
                                   const ClassDistributions& distributions,
-                                  const LiftOptions& options) {
+                                  const ClassTable& class_table, const LiftOptions& options) {
   if (options.instances == InstanceMethod::kIou) {
     return ClusterByClassAndInstance(observations, TrackInstances(observations, options.tracking),
                                      distributions);
   }
   return ClusterByInstance(observations, ClusterByConsensus(observations, options.consensus),
-                           distributions);
+                           distributions, class_table);
 }
 
 std::vector<int> CountMaskObservations(const MaskObservations& observations) {
@@ -27,7 +27,7 @@ std::vector<int> CountMaskObservations(const MaskObservations& observations) {
   for (size_t row = 0; row < observations.points.size(); ++row) {
     int count = 0;
     for (const PointObservation& o : observations.ObservationsOf(row)) {
-      count += o.segment != kVoidSegment ? 1 : 0;
+      count += o.segment != kVoidSegment && !o.predicted ? 1 : 0;
     }
     counts.push_back(count);
   }
@@ -141,7 +141,8 @@ LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable&
   }
   {
     const ScopedStep step(times, "instances");
-    std::vector<Cluster> clusters = FindClusters(observations, map.distributions, options);
+    std::vector<Cluster> clusters =
+        FindClusters(observations, map.distributions, class_table, options);
     result.report.num_merges = MergeClusters(
         reconstruction, descriptors, MedianDepth(reconstruction), options.clusters, clusters);
     AddClusters(reconstruction, std::move(clusters), options.clusters, map);

@@ -4,9 +4,12 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <numeric>
 #include <span>
 #include <vector>
 
+#include "plane_patches.h"
 #include "s3lam/base/parallel.h"
 
 namespace s3lam {
@@ -28,11 +31,13 @@ double MedianDepthOf(const Reconstruction& reconstruction, const ScenePoint& poi
 struct Candidates {
   std::vector<PointId> ids;
   std::vector<UncertainPoint> points;
+  double median_depth = 0.0;
 };
 
 Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& cluster,
                           double sigma_px, const PlaneOptions& options) {
   Candidates result;
+  std::vector<double> depths;
   for (const PointId id : cluster.points) {
     const ScenePoint& point = reconstruction.points.at(id);
     const auto covariance = PointCovariance(reconstruction, point, sigma_px);
@@ -45,19 +50,32 @@ Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& c
     if (!(solver.eigenvalues().maxCoeff() < limit * limit)) continue;
     result.ids.push_back(id);
     result.points.push_back({point.xyz, total});
+    depths.push_back(depth);
   }
+  if (depths.empty()) return result;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  result.median_depth = *middle;
   return result;
 }
 
-/// Keeps the candidates that are not listed (ascending).
-void RemoveCandidates(const std::vector<size_t>& listed, Candidates& candidates) {
-  Candidates rest;
-  for (size_t i = 0; i < candidates.ids.size(); ++i) {
-    if (std::binary_search(listed.begin(), listed.end(), i)) continue;
-    rest.ids.push_back(candidates.ids[i]);
-    rest.points.push_back(candidates.points[i]);
+/// Joins planes of a cluster that are one surface, until none are. A surface whose points are less
+/// certain than they claim first comes apart into parallel layers.
+void JoinLayers(const Candidates& candidates, const PlaneOptions& options,
+                std::vector<PlaneFit>& fits) {
+  const double max_angle = options.merge_angle_deg * std::numbers::pi / 180.0;
+  for (size_t a = 0; a < fits.size(); ++a) {
+    for (size_t b = a + 1; b < fits.size();) {
+      auto joint = JoinPlanes(candidates.points, fits[a], fits[b], max_angle, options.merge_sigmas);
+      if (!joint) {
+        ++b;
+        continue;
+      }
+      fits[a] = std::move(*joint);
+      fits.erase(fits.begin() + static_cast<std::ptrdiff_t>(b));
+      b = a + 1;  // The grown plane may now reach one passed over.
+    }
   }
-  candidates = std::move(rest);
 }
 
 /// True if most observations of the inliers come from behind the plane.
@@ -104,23 +122,92 @@ PlanarSurface MakeSurface(const Reconstruction& reconstruction, const Cluster& c
   return surface;
 }
 
+/// The next plane among the candidates listed in `rest`, as one connected patch.
+std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::vector<size_t>& rest,
+                                     const NormalBand& band, const PlaneOptions& options,
+                                     Rng& rng) {
+  std::vector<UncertainPoint> points;
+  for (const size_t i : rest) points.push_back(candidates.points[i]);
+  const auto whole = FitPlaneRobustly(points, options.fit, band, rng);
+  if (!whole) return std::nullopt;
+  std::vector<size_t> patch;
+  for (const size_t i : LargestPatch(points, *whole, options.max_gap * candidates.median_depth)) {
+    patch.push_back(rest[i]);
+  }
+  auto fit = FitPlane(candidates.points, patch);
+  if (!fit || !band.Contains(fit->plane.normal)) return std::nullopt;
+  return fit;
+}
+
 std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstruction,
                                               const Cluster& cluster, int min_class_inliers,
-                                              double sigma_px, const PlaneOptions& options,
-                                              Rng rng) {
-  std::vector<PlanarSurface> surfaces;
-  Candidates candidates = FindCandidates(reconstruction, cluster, sigma_px, options);
+                                              double sigma_px, const NormalBand& band,
+                                              const PlaneOptions& options, Rng rng) {
+  const Candidates candidates = FindCandidates(reconstruction, cluster, sigma_px, options);
   const double share = options.min_cluster_share * static_cast<double>(cluster.points.size());
   const auto min_inliers =
       static_cast<size_t>(std::max(static_cast<double>(min_class_inliers), share));
-  for (int i = 0; i < options.max_planes_per_cluster; ++i) {
-    if (candidates.ids.size() < min_inliers) break;
-    const auto fit = FitPlaneRobustly(candidates.points, options.fit, rng);
+  std::vector<size_t> rest(candidates.ids.size());
+  std::iota(rest.begin(), rest.end(), size_t{0});
+  std::vector<PlaneFit> fits;
+  for (int i = 0; i < options.max_planes_per_cluster && rest.size() >= min_inliers; ++i) {
+    auto fit = FitNextPlane(candidates, rest, band, options, rng);
     if (!fit || fit->inliers.size() < min_inliers) break;
-    surfaces.push_back(MakeSurface(reconstruction, cluster, candidates, *fit));
-    RemoveCandidates(fit->inliers, candidates);
+    std::vector<size_t> remaining;
+    std::set_difference(rest.begin(), rest.end(), fit->inliers.begin(), fit->inliers.end(),
+                        std::back_inserter(remaining));
+    rest = std::move(remaining);
+    fits.push_back(std::move(*fit));
+  }
+  JoinLayers(candidates, options, fits);
+  std::vector<PlanarSurface> surfaces;
+  for (const PlaneFit& fit : fits) {
+    surfaces.push_back(MakeSurface(reconstruction, cluster, candidates, fit));
   }
   return surfaces;
+}
+
+/// A cluster to fit planes to.
+struct Task {
+  const Cluster* cluster = nullptr;
+  const SemanticClass* semantic_class = nullptr;
+  std::vector<PlanarSurface> surfaces;
+};
+
+/// Up to sign, the direction that most inliers of planes of horizontal classes are normal to within
+/// `max_angle` [rad]; empty without any such plane.
+std::optional<Eigen::Vector3d> EstimateUp(const std::vector<Task>& tasks, double max_angle) {
+  std::vector<std::pair<Eigen::Vector3d, double>> votes;
+  for (const Task& task : tasks) {
+    if (task.semantic_class->orientation != SurfaceOrientation::kHorizontal) continue;
+    for (const PlanarSurface& surface : task.surfaces) {
+      votes.emplace_back(surface.plane_in_world.normal,
+                         static_cast<double>(surface.inliers.size()));
+    }
+  }
+  std::optional<Eigen::Vector3d> best;
+  double most = 0.0;
+  for (const auto& [candidate, own_weight] : votes) {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    double support = 0.0;
+    for (const auto& [normal, weight] : votes) {
+      const double cosine = normal.dot(candidate);
+      if (std::abs(cosine) < std::cos(max_angle)) continue;
+      sum += (cosine < 0.0 ? -weight : weight) * normal;
+      support += weight;
+    }
+    if (support <= most) continue;
+    most = support;
+    best = sum.normalized();
+  }
+  return best;
+}
+
+/// Where the normals of a class lie, given which way is up.
+NormalBand BandOf(SurfaceOrientation orientation, const Eigen::Vector3d& up, double max_angle) {
+  if (orientation == SurfaceOrientation::kHorizontal) return {up, std::cos(max_angle), 1.0};
+  if (orientation == SurfaceOrientation::kVertical) return {up, 0.0, std::sin(max_angle)};
+  return {};
 }
 
 double Cross(const Eigen::Vector2d& origin, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
@@ -139,6 +226,14 @@ void PlaneOptions::Visit(OptionVisitor& v) {
           0.0);
   v.Value("max_point_sigma", max_point_sigma,
           "Points less certain than this in any direction are left out [depth of the point].", 0.0);
+  v.Value("max_gap", max_gap, "Largest gap within a plane [median depth of the cluster].", 1e-6);
+  v.Value("merge_angle_deg", merge_angle_deg,
+          "Planes of a cluster are joined within this angle ...", 0.0, 90.0);
+  v.Value("merge_sigmas", merge_sigmas,
+          "... if their points then scatter by less than this [standard deviations].", 0.0);
+  v.Value("orientation_deg", orientation_deg,
+          "Planes of classes that are horizontal or vertical by nature are so within this [deg].",
+          0.0, 90.0);
   v.Value("max_planes_per_cluster", max_planes_per_cluster, "Planes per cluster at most.", 0);
   v.Value("min_cluster_share", min_cluster_share,
           "A plane has at least this share of its cluster's points.", 0.0, 1.0);
@@ -192,23 +287,29 @@ void FitPlanes(const Reconstruction& reconstruction, const PlaneOptions& options
                int num_threads, SemanticMap& map) {
   const double sigma_px =
       std::max(options.min_keypoint_sigma_px, EstimateKeypointSigma(reconstruction));
-  std::vector<const Cluster*> clusters;
+  std::vector<Task> tasks;
   for (const auto& [id, cluster] : map.clusters) {
-    if (map.class_table.classes[static_cast<size_t>(cluster.class_index)].is_planar) {
-      clusters.push_back(&cluster);
-    }
+    const SemanticClass& c = map.class_table.classes[static_cast<size_t>(cluster.class_index)];
+    if (c.is_planar) tasks.push_back({&cluster, &c, {}});
   }
   const Rng rng(seed);
-  std::vector<std::vector<PlanarSurface>> found(clusters.size());
-  ParallelFor(clusters.size(), num_threads, [&](size_t i) {
-    const Cluster& cluster = *clusters[i];
-    const SemanticClass& c = map.class_table.classes[static_cast<size_t>(cluster.class_index)];
-    found[i] = FitPlanesToCluster(reconstruction, cluster, c.min_plane_inliers, sigma_px, options,
-                                  rng.Fork(cluster.id.value()));
-  });
+  const auto fit = [&](Task& task, const NormalBand& band) {
+    task.surfaces =
+        FitPlanesToCluster(reconstruction, *task.cluster, task.semantic_class->min_plane_inliers,
+                           sigma_px, band, options, rng.Fork(task.cluster->id.value()));
+  };
+  ParallelFor(tasks.size(), num_threads, [&](size_t i) { fit(tasks[i], NormalBand{}); });
+  const double max_angle = options.orientation_deg * std::numbers::pi / 180.0;
+  if (const auto up = EstimateUp(tasks, max_angle)) {
+    ParallelFor(tasks.size(), num_threads, [&](size_t i) {
+      const SurfaceOrientation orientation = tasks[i].semantic_class->orientation;
+      if (orientation == SurfaceOrientation::kAny) return;
+      fit(tasks[i], BandOf(orientation, *up, max_angle));
+    });
+  }
   map.planes.clear();
-  for (std::vector<PlanarSurface>& surfaces : found) {
-    for (PlanarSurface& surface : surfaces) {
+  for (Task& task : tasks) {
+    for (PlanarSurface& surface : task.surfaces) {
       surface.id = PlaneId(static_cast<uint32_t>(map.planes.size()));
       map.planes.emplace(surface.id, std::move(surface));
     }

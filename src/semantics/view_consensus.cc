@@ -1,7 +1,7 @@
 #include <algorithm>
-#include <bit>
-#include <map>
+#include <cmath>
 #include <numeric>
+#include <queue>
 #include <utility>
 
 #include "s3lam/semantics/instances.h"
@@ -9,234 +9,269 @@
 namespace s3lam {
 namespace {
 
-constexpr int32_t kSplit = -1;  // Seen, but in several segments.
+/// A weight that goes with a segment, a row or a frame; lists of them are sorted by id.
+struct Weighted {
+  uint32_t id = 0;
+  double weight = 0.0;
+};
+using WeightedList = std::vector<Weighted>;
 
-/// A view that observes a set of points, and the one segment of it that contains them.
-struct View {
-  uint32_t frame = 0;
-  int32_t container = kSplit;
+WeightedList::iterator Find(WeightedList& list, uint32_t id) {
+  const auto it =
+      std::lower_bound(list.begin(), list.end(), id,
+                       [](const Weighted& w, uint32_t wanted) { return w.id < wanted; });
+  return it != list.end() && it->id == id ? it : list.end();
+}
+
+double WeightOf(WeightedList& list, uint32_t id) {
+  const auto it = Find(list, id);
+  return it == list.end() ? 0.0 : it->weight;
+}
+
+/// Who sees what, in both directions; border and void observations and crowds left out.
+struct Votes {
+  std::vector<WeightedList> segments_of_row;
+  std::vector<WeightedList> rows_of_segment;
 };
 
-/// A set of segments taken for one object.
-struct Node {
-  std::vector<uint32_t> segments;  // Ascending.
-  std::vector<uint32_t> points;    // Rows, ascending.
-  std::vector<View> views;         // By frame.
-  std::vector<uint64_t> observes;  // Bit per frame.
-};
-
-using Excluded = std::vector<bool>;  // Per segment.
-
-/// Where the views see the node's points.
-void ComputeViews(const MaskObservations& observations, const ConsensusOptions& options,
-                  const Excluded& under_segmented, Node& node) {
-  // One entry per seen point, in (frame, segment) order.
-  std::vector<std::pair<uint32_t, int32_t>> seen;
-  for (const uint32_t row : node.points) {
+Votes CollectVotes(const MaskObservations& observations, const ConsensusOptions& options) {
+  Votes votes;
+  votes.segments_of_row.resize(observations.points.size());
+  votes.rows_of_segment.resize(observations.segments.size());
+  for (uint32_t row = 0; row < observations.points.size(); ++row) {
     for (const PointObservation& o : observations.ObservationsOf(row)) {
-      if (o.segment != kVoidSegment) seen.emplace_back(o.frame, o.segment);
+      if (o.segment == kVoidSegment || o.near_border) continue;
+      const auto segment = static_cast<uint32_t>(o.segment);
+      if (observations.segments[segment].label.is_crowd) continue;
+      const double weight = o.predicted ? options.predicted_weight : 1.0;
+      votes.segments_of_row[row].push_back({segment, weight});
+      votes.rows_of_segment[segment].push_back({row, weight});
     }
   }
-  std::sort(seen.begin(), seen.end());
-  const auto wanted = std::max<double>(
-      options.min_segment_points,
-      std::min<double>(options.visible_points,
-                       options.visible_ratio * static_cast<double>(node.points.size())));
-  node.views.clear();
-  node.observes.assign((observations.frames.size() + 63) / 64, 0);
-  for (size_t begin = 0; begin < seen.size();) {
-    const uint32_t frame = seen[begin].first;
-    size_t end = begin;
-    size_t most = 0;
-    int32_t container = kSplit;
-    while (end < seen.size() && seen[end].first == frame) {
-      size_t run = end;
-      while (run < seen.size() && seen[run] == seen[end]) ++run;
-      if (run - end > most) {
-        most = run - end;
-        container = seen[end].second;
-      }
-      end = run;
-    }
-    const auto visible = static_cast<double>(end - begin);
-    begin = end;
-    if (visible < wanted || under_segmented[static_cast<size_t>(container)]) continue;
-    const bool contained = static_cast<double>(most) >= options.containment * visible;
-    node.views.push_back({frame, contained ? container : kSplit});
-    node.observes[frame / 64] |= uint64_t{1} << frame % 64;
-  }
+  return votes;
 }
 
-/// Segments whose points most other views see in several segments, e.g. two books in one.
-Excluded FindUnderSegmented(const MaskObservations& observations, const ConsensusOptions& options,
-                            const std::vector<Node>& nodes) {
-  Excluded excluded(observations.segments.size(), false);
-  for (const Node& node : nodes) {
-    size_t split = 0;
-    for (const View& view : node.views) split += view.container == kSplit ? 1 : 0;
-    if (static_cast<double>(split) >
-        options.max_split_rate * static_cast<double>(node.views.size())) {
-      excluded[node.segments.front()] = true;
-    }
-  }
-  return excluded;
-}
-
-int CountCommon(const std::vector<uint64_t>& a, const std::vector<uint64_t>& b) {
-  int count = 0;
-  for (size_t i = 0; i < a.size(); ++i) count += std::popcount(a[i] & b[i]);
-  return count;
-}
-
-/// Two nodes that at least one view supports.
-struct Edge {
-  uint32_t a = 0;
-  uint32_t b = 0;
-  int observers = 0;
-  double consensus = 0.0;
-};
-
-std::vector<Edge> FindEdges(const std::vector<Node>& nodes, double min_consensus) {
-  std::map<int32_t, std::vector<uint32_t>> nodes_in_segment;
-  for (uint32_t i = 0; i < nodes.size(); ++i) {
-    for (const View& view : nodes[i].views) {
-      if (view.container != kSplit) nodes_in_segment[view.container].push_back(i);
-    }
-  }
-  std::vector<Edge> edges;
-  std::vector<int> supporters(nodes.size(), 0);
+/// For every segment: the points it shares with each segment of the other frames.
+std::vector<WeightedList> CountShared(const MaskObservations& observations, const Votes& votes) {
+  const size_t num_segments = observations.segments.size();
+  std::vector<WeightedList> shared(num_segments);
+  std::vector<double> sums(num_segments, 0.0);
   std::vector<uint32_t> touched;
-  for (uint32_t a = 0; a < nodes.size(); ++a) {
+  for (uint32_t a = 0; a < num_segments; ++a) {
     touched.clear();
-    for (const View& view : nodes[a].views) {
-      if (view.container == kSplit) continue;
-      const std::vector<uint32_t>& together = nodes_in_segment.at(view.container);
-      for (auto it = std::upper_bound(together.begin(), together.end(), a); it != together.end();
-           ++it) {
-        if (supporters[*it]++ == 0) touched.push_back(*it);
+    for (const Weighted& row : votes.rows_of_segment[a]) {
+      for (const Weighted& b : votes.segments_of_row[row.id]) {
+        if (sums[b.id] == 0.0) touched.push_back(b.id);
+        sums[b.id] += row.weight * b.weight;
       }
     }
     std::sort(touched.begin(), touched.end());
     for (const uint32_t b : touched) {
-      const int observers = CountCommon(nodes[a].observes, nodes[b].observes);
-      const double consensus = static_cast<double>(supporters[b]) / observers;
-      if (consensus >= min_consensus) edges.push_back({a, b, observers, consensus});
-      supporters[b] = 0;
+      const bool same_frame = observations.segments[a].frame == observations.segments[b].frame;
+      if (!same_frame || a == b) shared[a].push_back({b, sums[b]});
+      sums[b] = 0.0;
     }
   }
-  return edges;
+  return shared;
 }
 
-class DisjointSets {
- public:
-  explicit DisjointSets(size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  uint32_t Find(uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
+/// For every segment: the points of it that each frame sees, in whatever segment.
+std::vector<WeightedList> CountVisible(const MaskObservations& observations,
+                                       const std::vector<WeightedList>& shared) {
+  std::vector<WeightedList> visible(shared.size());
+  for (size_t a = 0; a < shared.size(); ++a) {
+    for (const Weighted& b : shared[a]) {  // By segment, hence by frame.
+      const uint32_t frame = observations.segments[b.id].frame;
+      if (visible[a].empty() || visible[a].back().id != frame) visible[a].push_back({frame, 0.0});
+      visible[a].back().weight += b.weight;
+    }
   }
-  void Join(uint32_t i, uint32_t j) {
-    i = Find(i);
-    j = Find(j);
-    parent_[std::max(i, j)] = std::min(i, j);
+  return visible;
+}
+
+/// For every frame, the frames it is compared with (itself included): those that see its points, or
+/// an even choice of max_partners among them, from the most points in common to the least.
+std::vector<std::vector<bool>> ChoosePartners(const MaskObservations& observations,
+                                              const std::vector<WeightedList>& visible,
+                                              int max_partners) {
+  const size_t num_frames = observations.frames.size();
+  std::vector<std::vector<double>> common(num_frames, std::vector<double>(num_frames, 0.0));
+  for (size_t a = 0; a < visible.size(); ++a) {
+    for (const Weighted& frame : visible[a]) {
+      common[observations.segments[a].frame][frame.id] += frame.weight;
+    }
+  }
+  std::vector<std::vector<bool>> partners(num_frames, std::vector<bool>(num_frames, false));
+  for (size_t f = 0; f < num_frames; ++f) {
+    std::vector<size_t> others;
+    for (size_t g = 0; g < num_frames; ++g) {
+      if (g != f && common[f][g] > 0.0) others.push_back(g);
+    }
+    std::stable_sort(others.begin(), others.end(),
+                     [&](size_t g, size_t h) { return common[f][g] > common[f][h]; });
+    const auto limit = static_cast<size_t>(max_partners);
+    const size_t count = std::min(others.size(), limit);
+    for (size_t i = 0; i < count; ++i) {
+      const size_t g = others[i * others.size() / count];
+      partners[f][g] = partners[g][f] = true;
+    }
+    partners[f][f] = true;
+  }
+  return partners;
+}
+
+/// An undirected graph with signed weights, whose nodes can be contracted.
+class SignedGraph {
+ public:
+  explicit SignedGraph(size_t num_nodes) : neighbors_(num_nodes), root_(num_nodes) {
+    std::iota(root_.begin(), root_.end(), 0U);
+  }
+
+  /// Edges must come by ascending (a, b), a < b.
+  void AddEdge(uint32_t a, uint32_t b, double weight) {
+    neighbors_[a].push_back({b, weight});
+    neighbors_[b].push_back({a, weight});
+  }
+
+  [[nodiscard]] size_t size() const { return root_.size(); }
+  [[nodiscard]] bool IsAlive(uint32_t node) const { return root_[node] == node; }
+  [[nodiscard]] const WeightedList& NeighborsOf(uint32_t node) const { return neighbors_[node]; }
+  /// Weight of an edge; 0 if there is none.
+  [[nodiscard]] double Weight(uint32_t a, uint32_t b) { return WeightOf(neighbors_[a], b); }
+
+  /// Contracts b into a; weights to common neighbours add up. Returns the edges that changed.
+  WeightedList Contract(uint32_t a, uint32_t b) {
+    root_[b] = a;
+    WeightedList changed;
+    WeightedList merged;
+    auto x = neighbors_[a].begin();
+    auto y = neighbors_[b].begin();
+    while (x != neighbors_[a].end() || y != neighbors_[b].end()) {
+      const bool from_a = y == neighbors_[b].end() || (x != neighbors_[a].end() && x->id <= y->id);
+      const bool from_b = x == neighbors_[a].end() || (y != neighbors_[b].end() && y->id <= x->id);
+      Weighted sum{from_a ? x->id : y->id, 0.0};
+      if (from_a) sum.weight += (x++)->weight;
+      if (from_b) sum.weight += (y++)->weight;
+      if (sum.id == a || !IsAlive(sum.id)) continue;
+      merged.push_back(sum);
+      if (from_b) changed.push_back(sum);
+    }
+    for (const Weighted& c : changed) SetWeight(c.id, a, c.weight);
+    neighbors_[a] = std::move(merged);
+    neighbors_[b] = {};
+    return changed;
+  }
+
+  /// The node that holds this one now.
+  [[nodiscard]] uint32_t Root(uint32_t node) const {
+    while (root_[node] != node) node = root_[node];
+    return node;
   }
 
  private:
-  std::vector<uint32_t> parent_;
+  /// The entry of a contracted neighbour stays in the list until the next contraction of `node`.
+  void SetWeight(uint32_t node, uint32_t neighbor, double weight) {
+    WeightedList& list = neighbors_[node];
+    const auto it = std::lower_bound(list.begin(), list.end(), neighbor,
+                                     [](const Weighted& w, uint32_t id) { return w.id < id; });
+    if (it != list.end() && it->id == neighbor) {
+      it->weight = weight;
+    } else {
+      list.insert(it, {neighbor, weight});
+    }
+  }
+
+  std::vector<WeightedList> neighbors_;
+  std::vector<uint32_t> root_;
 };
 
-std::vector<uint32_t> SortedUnion(const std::vector<uint32_t>& a, const std::vector<uint32_t>& b) {
-  std::vector<uint32_t> result;
-  std::set_union(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(result));
-  return result;
-}
-
-/// Joins the nodes that edges with enough observers connect; false if there are none.
-bool MergeNodes(const MaskObservations& observations, const ConsensusOptions& options,
-                const Excluded& under_segmented, const std::vector<Edge>& edges, int min_observers,
-                std::vector<Node>& nodes) {
-  DisjointSets sets(nodes.size());
-  bool any = false;
-  for (const Edge& edge : edges) {
-    if (edge.observers < min_observers) continue;
-    sets.Join(edge.a, edge.b);
-    any = true;
+SignedGraph BuildGraph(const MaskObservations& observations, const ConsensusOptions& options) {
+  std::vector<WeightedList> shared = CountShared(observations, CollectVotes(observations, options));
+  std::vector<WeightedList> visible = CountVisible(observations, shared);
+  const auto partners = ChoosePartners(observations, visible, options.max_partners);
+  std::vector<std::vector<uint32_t>> segments_of_frame(observations.frames.size());
+  for (uint32_t s = 0; s < shared.size(); ++s) {
+    segments_of_frame[observations.segments[s].frame].push_back(s);
   }
-  if (!any) return false;
-  std::map<uint32_t, Node> merged;
-  for (uint32_t i = 0; i < nodes.size(); ++i) {
-    Node& target = merged[sets.Find(i)];
-    const bool is_alone = target.segments.empty();
-    if (is_alone) {
-      target = std::move(nodes[i]);
-    } else {
-      target.segments = SortedUnion(target.segments, nodes[i].segments);
-      target.points = SortedUnion(target.points, nodes[i].points);
-      target.views.clear();  // Marks it for recomputation.
+  SignedGraph graph(shared.size());
+  for (uint32_t a = 0; a < shared.size(); ++a) {
+    const uint32_t frame_a = observations.segments[a].frame;
+    for (const Weighted& frame_b : visible[a]) {
+      if (frame_b.id < frame_a || !partners[frame_a][frame_b.id]) continue;
+      for (const uint32_t b : segments_of_frame[frame_b.id]) {
+        const double seen_b = b > a ? WeightOf(visible[b], frame_a) : 0.0;
+        if (seen_b == 0.0) continue;
+        const double common = frame_b.id == frame_a ? 0.0 : WeightOf(shared[a], b);
+        const double apart = frame_b.weight + seen_b - 2.0 * common;
+        graph.AddEdge(a, b, common - options.disagreement * apart);
+      }
     }
   }
-  nodes.clear();
-  for (auto& [root, node] : merged) {
-    if (node.views.empty()) ComputeViews(observations, options, under_segmented, node);
-    nodes.push_back(std::move(node));
-  }
-  return true;
+  return graph;
 }
 
-std::vector<Node> InitialNodes(const MaskObservations& observations,
-                               const ConsensusOptions& options, const Excluded& excluded) {
-  std::vector<Node> nodes;
-  for (uint32_t s = 0; s < observations.segments.size(); ++s) {
-    const SegmentNode& segment = observations.segments[s];
-    if (excluded[s] || segment.label.is_crowd ||
-        segment.points.size() < static_cast<size_t>(options.min_segment_points)) {
-      continue;
-    }
-    Node node{{s}, segment.points, {}, {}};
-    ComputeViews(observations, options, excluded, node);
-    nodes.push_back(std::move(node));
+struct Contraction {
+  double weight = 0.0;
+  uint32_t a = 0;
+  uint32_t b = 0;
+
+  /// The heavier first, then the lower ids.
+  bool operator<(const Contraction& other) const {
+    if (weight != other.weight) return weight < other.weight;
+    return std::pair(a, b) > std::pair(other.a, other.b);
   }
-  return nodes;
+};
+
+/// Contracts the heaviest edge as long as one is heavier than `min_weight` (Keuper et al., ICCV
+/// 2015: greedy additive edge contraction for correlation clustering).
+void ContractGreedily(double min_weight, SignedGraph& graph) {
+  std::priority_queue<Contraction> queue;
+  for (uint32_t a = 0; a < graph.size(); ++a) {
+    for (const Weighted& b : graph.NeighborsOf(a)) {
+      if (b.id > a && b.weight > min_weight) queue.push({b.weight, a, b.id});
+    }
+  }
+  while (!queue.empty()) {
+    const Contraction best = queue.top();
+    queue.pop();
+    const bool is_current = graph.IsAlive(best.a) && graph.IsAlive(best.b) &&
+                            graph.Weight(best.a, best.b) == best.weight;
+    if (!is_current) continue;
+    for (const Weighted& c : graph.Contract(best.a, best.b)) {
+      if (c.weight > min_weight) {
+        queue.push({c.weight, std::min(best.a, c.id), std::max(best.a, c.id)});
+      }
+    }
+  }
 }
 
 }  // namespace
 
 void ConsensusOptions::Visit(OptionVisitor& v) {
-  v.Value("min_segment_points", min_segment_points,
-          "A segment with fewer points takes no part; nor does a view that sees fewer.", 1);
-  v.Value("visible_ratio", visible_ratio, "A view observes a set if it sees this share of it ...",
-          0.0, 1.0);
-  v.Value("visible_points", visible_points, "... or so many of its points.", 1);
-  v.Value("containment", containment,
-          "A segment contains a set if this share of the points the view sees lies in it.", 0.5,
+  v.Value("disagreement", disagreement,
+          "What a point that two frames put into different segments counts against one they put "
+          "into the same.",
+          0.0);
+  v.Value("predicted_weight", predicted_weight,
+          "What a predicted observation counts against a real one (see lookup.visibility).", 0.0,
           1.0);
-  v.Value("max_split_rate", max_split_rate,
-          "A segment that more than this share of its observers split is under-segmented.", 0.0,
-          1.0);
-  v.Value("min_consensus", min_consensus,
-          "Sets are merged if this share of their common observers supports it.", 0.0, 1.0);
-  v.Value("min_observers", min_observers, "Fewest common observers of two sets to merge.", 1);
+  v.Value("min_agreement", min_agreement,
+          "Objects are joined while the points in favour outweigh those against by this.", 0.0);
+  v.Value("max_partners", max_partners, "Frames that each frame is compared with at most.", 1);
 }
 
 InstanceAssignment ClusterByConsensus(const MaskObservations& observations,
                                       const ConsensusOptions& options) {
-  const Excluded none(observations.segments.size(), false);
-  const Excluded under_segmented =
-      FindUnderSegmented(observations, options, InitialNodes(observations, options, none));
-  std::vector<Node> nodes = InitialNodes(observations, options, under_segmented);
-  // The best observed pairs first: halve the number of observers asked for until none is left.
-  int min_observers =
-      static_cast<int>(std::bit_floor(std::max<size_t>(1, observations.frames.size())));
-  std::vector<Edge> edges = FindEdges(nodes, options.min_consensus);
-  for (; min_observers >= options.min_observers; min_observers /= 2) {
-    while (MergeNodes(observations, options, under_segmented, edges, min_observers, nodes)) {
-      edges = FindEdges(nodes, options.min_consensus);
-    }
-  }
+  SignedGraph graph = BuildGraph(observations, options);
+  ContractGreedily(options.min_agreement, graph);
   InstanceAssignment result;
-  result.instance_of_segment.assign(observations.segments.size(), kNoInstance);
-  for (const Node& node : nodes) {
-    for (const uint32_t s : node.segments) result.instance_of_segment[s] = result.num_instances;
-    ++result.num_instances;
+  result.instance_of_segment.assign(graph.size(), kNoInstance);
+  for (uint32_t s = 0; s < graph.size(); ++s) {
+    const SegmentNode& segment = observations.segments[s];
+    if (segment.points.empty() || segment.label.is_crowd) continue;
+    int32_t& instance = result.instance_of_segment[graph.Root(s)];  // Roots come first.
+    if (instance == kNoInstance) instance = result.num_instances++;
+    result.instance_of_segment[s] = instance;
   }
   return result;
 }

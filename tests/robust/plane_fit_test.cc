@@ -112,7 +112,7 @@ TEST_P(RobustPlane, RecoversUnderOutliers) {
     auto points = SamplePlane(truth, 200, 1.0, 0.005, rng);
     const auto clutter = static_cast<size_t>(200.0 * outlier_share / (1.0 - outlier_share));
     AddClutter(clutter, 1.5, 0.005, rng, points);
-    const auto fit = FitPlaneRobustly(points, PlaneFitOptions{}, rng);
+    const auto fit = FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng);
     ASSERT_TRUE(fit) << "seed " << seed;
     EXPECT_LT(PlaneAngle(fit->plane, truth), 0.3 * kDegree) << "seed " << seed;
     EXPECT_GT(fit->inliers.size(), 170U) << "seed " << seed;
@@ -131,7 +131,7 @@ TEST(FitPlaneRobustly, RefusesCollinearPoints) {
     points.push_back(
         {Eigen::Vector3d(rng.Uniform(-1, 1), 0, 0) + noise, 1e-6 * Eigen::Matrix3d::Identity()});
   }
-  EXPECT_FALSE(FitPlaneRobustly(points, PlaneFitOptions{}, rng));
+  EXPECT_FALSE(FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng));
 }
 
 TEST(FitPlaneRobustly, RefusesAnUncertainTilt) {
@@ -140,16 +140,30 @@ TEST(FitPlaneRobustly, RefusesAnUncertainTilt) {
   PlaneFitOptions options;
   options.max_tilt_sigma_deg = 1.0;
   const auto small = SamplePlane(plane, 30, 0.02, 0.01, rng);
-  EXPECT_FALSE(FitPlaneRobustly(small, options, rng));
+  EXPECT_FALSE(FitPlaneRobustly(small, options, NormalBand{}, rng));
   const auto large = SamplePlane(plane, 30, 1.0, 0.01, rng);
-  EXPECT_TRUE(FitPlaneRobustly(large, options, rng));
+  EXPECT_TRUE(FitPlaneRobustly(large, options, NormalBand{}, rng));
+}
+
+TEST(FitPlaneRobustly, KeepsTheNormalInTheBand) {
+  Rng rng(8);
+  auto points = SamplePlane(MakePlane({0, 0, 1}, 0.0), 200, 1.0, 0.01, rng);
+  const auto wall = SamplePlane(MakePlane({1, 0, 0}, 0.5), 100, 1.0, 0.01, rng);
+  points.insert(points.end(), wall.begin(), wall.end());
+  const NormalBand vertical{Eigen::Vector3d::UnitZ(), 0.0, 0.2};
+  const auto fit = FitPlaneRobustly(points, PlaneFitOptions{}, vertical, rng);
+  ASSERT_TRUE(fit);
+  EXPECT_GT(std::abs(fit->plane.normal.x()), std::cos(0.5 * kDegree));
+  const NormalBand slanted{Eigen::Vector3d::UnitZ(), 0.6, 0.8};
+  const auto none = FitPlaneRobustly(points, PlaneFitOptions{}, slanted, rng);
+  EXPECT_TRUE(!none || slanted.Contains(none->plane.normal));
 }
 
 TEST(FitPlaneRobustly, RefusesTooFewPoints) {
   Rng rng(5);
   const auto points = SamplePlane(MakePlane({0, 0, 1}, 0.0), 2, 1.0, 0.01, rng);
-  EXPECT_FALSE(FitPlaneRobustly(points, PlaneFitOptions{}, rng));
-  EXPECT_FALSE(FitPlaneRobustly({}, PlaneFitOptions{}, rng));
+  EXPECT_FALSE(FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng));
+  EXPECT_FALSE(FitPlaneRobustly({}, PlaneFitOptions{}, NormalBand{}, rng));
 }
 
 TEST(FitPlaneRobustly, IsDeterministicInTheSeed) {
@@ -158,8 +172,8 @@ TEST(FitPlaneRobustly, IsDeterministicInTheSeed) {
   AddClutter(100, 1.0, 0.01, noise, points);
   Rng a(9);
   Rng b(9);
-  const auto first = FitPlaneRobustly(points, PlaneFitOptions{}, a);
-  const auto second = FitPlaneRobustly(points, PlaneFitOptions{}, b);
+  const auto first = FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, a);
+  const auto second = FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, b);
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->inliers, second->inliers);
   EXPECT_EQ(first->plane.offset, second->plane.offset);

@@ -17,6 +17,15 @@ ClassDistributions OneHot(const std::vector<int>& classes) {
   return d;
 }
 
+/// Class 0 is stuff, the others are things.
+ClassTable Table() {
+  ClassTable table{"test", {}};
+  for (int id = 0; id < 3; ++id) {
+    table.classes.push_back({id, "c", id > 0, false, false, 50, {}, {}});
+  }
+  return table;
+}
+
 TEST(ClusterByClassAndInstance, VotesWithinThePointsClass) {
   ObservationBuilder builder;
   const int32_t a = builder.AddSegment(0, 1);
@@ -39,11 +48,25 @@ TEST(ClusterByInstance, TakesTheClassThePointsAgreeOn) {
   const int32_t a = builder.AddSegment(0, 1);
   const int32_t b = builder.AddSegment(1, 2);
   for (int i = 0; i < 3; ++i) builder.AddPoint({a, b});
-  const auto clusters = ClusterByInstance(builder.result(), {{0, 0}, 1}, OneHot({1, 2, 1}));
+  const auto clusters =
+      ClusterByInstance(builder.result(), {{0, 0}, 1}, OneHot({1, 2, 1}), Table());
   ASSERT_EQ(clusters.size(), 1U);
   EXPECT_EQ(clusters[0].class_index, 1);
   EXPECT_EQ(clusters[0].points.size(), 3U);
   EXPECT_EQ(clusters[0].segments.size(), 2U);
+}
+
+TEST(ClusterByInstance, JoinsStuffButNotThings) {
+  ObservationBuilder builder;
+  std::vector<int32_t> segments;
+  for (uint32_t f = 0; f < 4; ++f) segments.push_back(builder.AddSegment(f, f < 2 ? 0 : 1));
+  for (const int32_t s : segments) builder.AddPoint({s});
+  const auto clusters =
+      ClusterByInstance(builder.result(), {{0, 1, 2, 3}, 4}, OneHot({0, 0, 1, 1}), Table());
+  ASSERT_EQ(clusters.size(), 3U);
+  EXPECT_EQ(clusters[0].points.size(), 2U);
+  EXPECT_EQ(clusters[0].segments.size(), 2U);
+  EXPECT_EQ(clusters[1].points.size(), 1U);
 }
 
 TEST(ClusterByInstance, BordersVoteOnlyAlone) {
@@ -54,7 +77,7 @@ TEST(ClusterByInstance, BordersVoteOnlyAlone) {
   builder.AddPoint({a, b, c});
   builder.result().observations[0].near_border = true;
   builder.result().observations[1].near_border = true;
-  const auto clusters = ClusterByInstance(builder.result(), {{0, 0, 1}, 2}, OneHot({1}));
+  const auto clusters = ClusterByInstance(builder.result(), {{0, 0, 1}, 2}, OneHot({1}), Table());
   ASSERT_EQ(clusters.size(), 1U);
   EXPECT_EQ(clusters[0].segments.front(), builder.result().segments[2].ref);
 }
@@ -71,7 +94,8 @@ struct TwoClusters {
     for (size_t k = 0; k < 2; ++k) {
       for (size_t i = 0; i < 10; ++i) {
         const PointId id(100 * k + i);
-        reconstruction.points[id].xyz = {apart * static_cast<double>(k), 0.01 * static_cast<double>(i), 0};
+        reconstruction.points[id].xyz = {apart * static_cast<double>(k),
+                                         0.01 * static_cast<double>(i), 0};
         std::array<uint8_t, 32>& d = descriptors[id];
         d.fill(static_cast<uint8_t>(17 * i + 3));
         for (size_t byte = 0; byte < 32 && k == 1 && i >= shared; ++byte) d[byte] ^= 0x55;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <optional>
 #include <span>
 #include <vector>
@@ -24,7 +25,7 @@ struct PlaneFitOptions {
   double inlier_sigmas = 1.96;
   double local_radius = 0.3;
   double max_tilt_sigma_deg = 3.0;
-  double min_width_ratio = 0.05;
+  double min_width_ratio = 0.01;
 
   void Visit(OptionVisitor& v) {
     v.Group("ransac", ransac, "Sampling.");
@@ -55,6 +56,18 @@ struct PlaneFit {
   std::vector<size_t> inliers;  // Ascending.
 };
 
+/// Restricts normals to a band about an axis: min_cosine <= |n . axis| <= max_cosine.
+struct NormalBand {
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
+  double min_cosine = 0.0;
+  double max_cosine = 1.0;
+
+  [[nodiscard]] bool Contains(const Eigen::Vector3d& normal) const {
+    const double cosine = std::abs(normal.dot(axis));
+    return cosine >= min_cosine && cosine <= max_cosine;
+  }
+};
+
 /// Standard deviation [units of the points] of a point's distance to a plane.
 inline double DistanceSigma(const UncertainPoint& point, const Eigen::Vector3d& normal) {
   return std::sqrt(std::max(0.0, normal.dot(point.covariance * normal)));
@@ -67,9 +80,10 @@ std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
                                  std::span<const size_t> indices);
 
 /// The plane that most points support: MSAC over minimal samples, then FitPlane on the inliers.
-/// Empty if the points are degenerate, or the support leaves the normal less certain than
-/// max_tilt_sigma_deg.
+/// Empty if the points are degenerate, the support leaves the normal less certain than
+/// max_tilt_sigma_deg, or no plane has its normal in the band.
 std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
-                                         const PlaneFitOptions& options, Rng& rng);
+                                         const PlaneFitOptions& options, const NormalBand& band,
+                                         Rng& rng);
 
 }  // namespace s3lam

@@ -33,10 +33,11 @@ std::vector<Cluster> ClusterByClassAndInstance(const MaskObservations& observati
 
 /// Groups the points by instance alone: the one most of a point's observations vote for. A
 /// cluster's class is the one its points' distributions agree on (greatest mean), whatever a single
-/// point says.
+/// point says. Instances of one class of stuff make one cluster.
 std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
                                        const InstanceAssignment& instances,
-                                       const ClassDistributions& distributions);
+                                       const ClassDistributions& distributions,
+                                       const ClassTable& class_table);
 
 /// Merges clusters of one class that show one object twice (the paper): their centroids are closer
 /// than merge_distance * `median_depth`, and more than min_matched_descriptors of the smaller one's

@@ -31,23 +31,22 @@ InstanceAssignment TrackInstances(const MaskObservations& observations,
                                   const TrackingOptions& options);
 
 struct ConsensusOptions {
-  int min_segment_points = 3;
-  double visible_ratio = 0.3;
-  int visible_points = 10;
-  double containment = 0.8;
-  double max_split_rate = 0.3;
-  double min_consensus = 0.8;
-  int min_observers = 2;
+  double disagreement = 1.0;
+  double predicted_weight = 0.3;
+  double min_agreement = 1.0;
+  int max_partners = 60;
 
   void Visit(OptionVisitor& v);
 };
 
-/// Clusters the segments of all frames at once by view consensus (after Yan et al., MaskClustering,
-/// CVPR 2024, with point tracks in place of depth). A view observes a set of points if it sees
-/// enough of them, and supports that two sets belong together if both lie, for the most part, in
-/// the same segment of its own. Segments that many views split are under-segmented and left out.
-/// The rest are merged while the share of supporters among the common observers is high, the best
-/// observed pairs first. Neither order nor class of the segments matters.
+/// Clusters the segments of all frames at once by the consensus of the views. Two frames that see
+/// the same points vote on every pair of their segments: points that both put into the pair speak
+/// for one object, points that they put elsewhere against it; two segments of one frame speak
+/// against each other with all their points. The objects are the parts of that signed graph, found
+/// by joining the most agreed pair again and again, votes adding up. So a segment that merges two
+/// objects, splits one or misses one is outvoted. Neither order nor class of the segments matters.
+/// (View consensus as in MaskClustering, CVPR 2024, with point tracks in place of depth, and
+/// correlation clustering in place of thresholds.)
 InstanceAssignment ClusterByConsensus(const MaskObservations& observations,
                                       const ConsensusOptions& options);
 

@@ -10,6 +10,7 @@
 #include "s3lam/scene/panoptic_frame.h"
 #include "s3lam/scene/reconstruction.h"
 #include "s3lam/scene/semantic_map.h"
+#include "s3lam/semantics/visibility.h"
 
 namespace s3lam {
 
@@ -32,6 +33,7 @@ struct PointObservation {
   uint32_t frame = 0;
   int32_t segment = kVoidSegment;  // Index into MaskObservations::segments.
   bool near_border = false;        // Another segment is within LookupOptions::border_px.
+  bool predicted = false;          // Not observed: see VisibilityPredictor.
 };
 
 /// How far two segments of one class, of different frames, cover each other in the image.
@@ -46,7 +48,7 @@ struct SegmentOverlap {
 struct MaskObservations {
   std::vector<ImageId> frames;        // Images with a mask, in natural order of their names.
   std::vector<SegmentNode> segments;  // By frame, then segment id.
-  std::vector<PointId> points;        // Rows: points seen in at least one segment, ascending.
+  std::vector<PointId> points;        // Rows: points observed in at least one segment, ascending.
   /// observations[first_observation[row]] ... observations[first_observation[row + 1] - 1] are the
   /// row's, by frame; void ones included.
   std::vector<uint32_t> first_observation;
@@ -66,11 +68,13 @@ struct MaskObservations {
 struct LookupOptions {
   double border_px = 1.5;
   bool lenient = false;
+  VisibilityOptions visibility;
 
   void Visit(OptionVisitor& v);
 };
 
-/// Looks every keypoint that belongs to a point up in its image's mask. A mask of another size but
+/// Looks every keypoint that belongs to a point up in its image's mask, and the predicted pixels of
+/// points that the image shows but does not observe. A mask of another size but
 /// the same shape is looked up by nearest pixel; one of another shape throws InputError naming both
 /// sizes. Masks are decoded a few at a time, each once. With `with_overlaps`, also compares the
 /// segments of each frame with those of the two frames before.

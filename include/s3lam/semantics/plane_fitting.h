@@ -12,10 +12,14 @@ namespace s3lam {
 struct PlaneOptions {
   PlaneFitOptions fit;
   double min_keypoint_sigma_px = 0.5;
-  double roughness = 0.002;
+  double roughness = 0.004;
   double max_point_sigma = 0.05;
-  int max_planes_per_cluster = 8;
-  double min_cluster_share = 0.05;
+  double max_gap = 0.3;
+  double merge_angle_deg = 5.0;
+  double merge_sigmas = 2.0;
+  double orientation_deg = 15.0;
+  int max_planes_per_cluster = 12;
+  double min_cluster_share = 0.02;
 
   void Visit(OptionVisitor& v);
 };
@@ -31,7 +35,9 @@ std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruct
 
 /// Fits planes to every cluster of a planar class, by MSAC and weighted least squares, as long as
 /// what is left of the cluster supports another with the class's minimum of inliers. What a point
-/// may miss a plane by is its covariance along the normal and the surface's roughness. Normals
+/// may miss a plane by is its covariance along the normal and the surface's roughness. A plane is
+/// one connected patch; patches that are one within their noise are joined. Where planes of
+/// horizontal classes tell which way is up, classes of a known orientation keep to it. Normals
 /// point to the cameras. Deterministic in the seed, at any number of threads.
 void FitPlanes(const Reconstruction& reconstruction, const PlaneOptions& options, uint64_t seed,
                int num_threads, SemanticMap& map);
