@@ -19,6 +19,9 @@ constexpr std::array<std::string_view, 4> kLinearSolverNames{"auto", "dense", "s
 /// sparse factor's fill makes iterating cheaper (measured, see benchmarks/runtime).
 constexpr int kMaxDenseRows = 2000;
 constexpr int kMaxSparseRows = 60000;
+/// Little damping: the gauge is held, and a map's weak modes (bend, drift of scale) need long
+/// steps.
+constexpr double kInitialTrustRegion = 1e6;
 /// Steps refused in a row, e.g. because a point would go behind its camera, before giving up.
 constexpr int kMaxRefusedSteps = 20;
 
@@ -96,7 +99,7 @@ class CeresBundle {
       double* point = bundle_.points[term.point].data();
       if (!problem_.HasParameterBlock(point)) continue;
       AnchoredPlane& plane = bundle_.planes[term.plane];
-      if (bundle_.planes_are_constant) {
+      if (plane.is_constant) {
         const Plane fixed = plane.PlaneInWorld();
         Eigen::Vector4d coefficients;
         coefficients << fixed.normal, fixed.offset;
@@ -107,7 +110,7 @@ class CeresBundle {
         problem_.AddResidualBlock(&point_planes_.back(), &plane_loss_, point, UsePlane(term.plane));
       }
     }
-    if (!bundle_.planes_are_constant) AddRelations();
+    AddRelations();
   }
 
   void AddRelations() {
@@ -119,12 +122,14 @@ class CeresBundle {
         continue;
       }
       AddRelation(std::make_unique<ParallelPlanesCost>(term.sigma_rad), a, b);
-      if (term.relation == PlaneRelation::kCoplanar) {
-        AddRelation(std::make_unique<CoplanarOffsetCost>(
-                        bundle_.planes[term.plane_a].anchor_in_world,
-                        bundle_.planes[term.plane_b].anchor_in_world, term.sigma_offset),
-                    a, b);
-      }
+      if (term.relation == PlaneRelation::kParallel) continue;
+      const AnchoredPlane& plane_a = bundle_.planes[term.plane_a];
+      const AnchoredPlane& plane_b = bundle_.planes[term.plane_b];
+      const bool opposite = plane_a.parameters.head<3>().dot(plane_b.parameters.head<3>()) < 0.0;
+      AddRelation(std::make_unique<PlanesMeetCost>(term.place_in_world - plane_a.anchor_in_world,
+                                                   term.place_in_world - plane_b.anchor_in_world,
+                                                   opposite, term.sigma_offset),
+                  a, b);
     }
   }
 
@@ -138,7 +143,7 @@ class CeresBundle {
       if (!used_poses_.contains(term.pose)) continue;
       others_.push_back(std::make_unique<CameraHeightCost>(
           bundle_.planes[term.plane].anchor_in_world, term.sigma_relative));
-      problem_.AddResidualBlock(others_.back().get(), &plane_loss_, Pose(term.pose),
+      problem_.AddResidualBlock(others_.back().get(), nullptr, Pose(term.pose),
                                 UsePlane(term.plane), &bundle_.height);
     }
   }
@@ -147,7 +152,7 @@ class CeresBundle {
     double* block = bundle_.planes[index].parameters.data();
     if (!problem_.HasParameterBlock(block)) {
       problem_.AddParameterBlock(block, 4, &plane_manifold_);
-      if (bundle_.planes_are_constant) problem_.SetParameterBlockConstant(block);
+      if (bundle_.planes[index].is_constant) problem_.SetParameterBlockConstant(block);
     }
     return block;
   }
@@ -188,6 +193,7 @@ class CeresBundle {
     options.max_num_iterations = options_.max_iterations;
     options.function_tolerance = options_.function_tolerance;
     options.gradient_tolerance = 0.0;
+    options.initial_trust_region_radius = kInitialTrustRegion;
     options.parameter_tolerance = 1e-10;
     options.max_num_consecutive_invalid_steps = kMaxRefusedSteps;
     options.logging_type = ceres::SILENT;

@@ -152,27 +152,23 @@ bool OrthogonalPlanesCost::Evaluate(double const* const* parameters, double* res
   return true;
 }
 
-CoplanarOffsetCost::CoplanarOffsetCost(const Eigen::Vector3d& anchor_a,
-                                       const Eigen::Vector3d& anchor_b, double sigma)
-    : anchor_difference_(anchor_a - anchor_b), inverse_sigma_(1.0 / sigma) {
+PlanesMeetCost::PlanesMeetCost(const Eigen::Vector3d& arm_a, const Eigen::Vector3d& arm_b,
+                               bool opposite, double sigma)
+    : scale_a_(1.0 / sigma), scale_b_((opposite ? 1.0 : -1.0) / sigma) {
   S3LAM_CHECK(sigma > 0.0);
+  scaled_arm_a_ = arm_a * scale_a_;
+  scaled_arm_b_ = arm_b * scale_b_;
 }
 
-bool CoplanarOffsetCost::Evaluate(double const* const* parameters, double* residuals,
-                                  double** jacobians) const {
+bool PlanesMeetCost::Evaluate(double const* const* parameters, double* residuals,
+                              double** jacobians) const {
   const Vector3Map a(parameters[0]);
   const Vector3Map b(parameters[1]);
-  const double h_a = parameters[0][3];
-  const Eigen::Vector3d arm = anchor_difference_ - h_a * a;
-  residuals[0] = (b.dot(arm) + parameters[1][3]) * inverse_sigma_;
+  residuals[0] = a.dot(scaled_arm_a_) + parameters[0][3] * scale_a_ + b.dot(scaled_arm_b_) +
+                 parameters[1][3] * scale_b_;
   if (jacobians == nullptr) return true;
-  if (jacobians[0] != nullptr) {
-    Eigen::Map<Eigen::Vector4d>{jacobians[0]} << -h_a * b * inverse_sigma_,
-        -b.dot(a) * inverse_sigma_;
-  }
-  if (jacobians[1] != nullptr) {
-    Eigen::Map<Eigen::Vector4d>{jacobians[1]} << arm * inverse_sigma_, inverse_sigma_;
-  }
+  if (jacobians[0] != nullptr) Eigen::Map<Eigen::Vector4d>{jacobians[0]} << scaled_arm_a_, scale_a_;
+  if (jacobians[1] != nullptr) Eigen::Map<Eigen::Vector4d>{jacobians[1]} << scaled_arm_b_, scale_b_;
   return true;
 }
 

@@ -11,9 +11,10 @@ namespace {
 
 class OuterLoop {
  public:
-  /// `planes` may be null: without planes.
-  OuterLoop(const OuterLoopSettings& settings, PlaneModel* planes, BundleMap& map)
-      : settings_(settings), planes_(planes), map_(map) {}
+  /// `planes` and `classes` may be null: without planes.
+  OuterLoop(const OuterLoopSettings& settings, const ClassTable* classes, PlaneModel* planes,
+            BundleMap& map)
+      : settings_(settings), classes_(classes), planes_(planes), map_(map) {}
 
   std::vector<OuterIteration> Run() {
     for (int i = 0; i < settings_.outer.max_iterations; ++i) {
@@ -21,7 +22,11 @@ class OuterLoop {
       OuterIteration iteration;
       iteration.with_planes = planes_ != nullptr;
       if (iteration.with_planes) {
-        if (i > 0) UpdatePlanes();
+        if (i > 0) {
+          UpdatePlanes();
+          if (i == 1) RelatePlanes();
+          StrengthenHeights(settings_.camera_height, map_.problem);
+        }
         iteration.membership = AssignPoints(settings_.planes.membership, settings_.planes.sigma,
                                             settings_.solver.sigma_px, *planes_, map_.problem);
         if (iteration.membership.members == 0) {
@@ -43,9 +48,17 @@ class OuterLoop {
  private:
   void UpdatePlanes() {
     FreezeUncertainty(map_.problem, settings_.solver.sigma_px, *planes_);
-    if (settings_.planes.mode == PlaneMode::kFixed) {
-      RefitPlanes(settings_.planes.sigma, settings_.solver.sigma_px, *planes_, map_.problem);
-    }
+    RefitPlanes(settings_.planes.sigma, settings_.solver.sigma_px, true, *planes_, map_.problem);
+  }
+
+  /// Once, after the first solve with planes has sharpened them.
+  void RelatePlanes() {
+    if (!settings_.relations.enabled || settings_.planes.mode != PlaneMode::kJoint) return;
+    const std::vector<RelationTerm> relations =
+        ProposeRelations(settings_.relations, settings_.planes.sigma, settings_.solver.sigma_px,
+                         *classes_, *planes_, map_.problem);
+    map_.problem.relations.insert(map_.problem.relations.end(), relations.begin(), relations.end());
+    if (!relations.empty()) spdlog::info("{} relations between planes", relations.size());
   }
 
   [[nodiscard]] bool Settled(const OuterIteration& iteration, int index) const {
@@ -78,6 +91,7 @@ class OuterLoop {
   }
 
   const OuterLoopSettings& settings_;
+  const ClassTable* classes_;
   PlaneModel* planes_;
   BundleMap& map_;
   std::vector<OuterIteration> iterations_;
@@ -95,16 +109,37 @@ void OuterLoopOptions::Visit(OptionVisitor& v) {
 }
 
 std::vector<OuterIteration> AdjustPlain(const OuterLoopSettings& settings, BundleMap& map) {
-  return OuterLoop(settings, nullptr, map).Run();
+  return OuterLoop(settings, nullptr, nullptr, map).Run();
 }
 
-std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings, PlaneModel& planes,
-                                         BundleMap& map) {
-  if (settings.planes.mode == PlaneMode::kOff || planes.planes.empty()) return {};
-  map.problem.planes_are_constant = settings.planes.mode == PlaneMode::kFixed;
-  FreezeUncertainty(map.problem, settings.solver.sigma_px, planes);
-  InitialisePlanes(settings.planes, settings.solver.sigma_px, planes, map.problem);
-  return OuterLoop(settings, &planes, map).Run();
+std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
+                                         const SemanticMap& semantics, PlaneModel& planes,
+                                         BundleMap& map, GroundReport& ground) {
+  if (settings.planes.mode == PlaneMode::kOff || semantics.clusters.empty()) return {};
+  const double sigma_px = settings.solver.sigma_px;
+  FreezeUncertainty(map.problem, sigma_px, planes);
+  if (settings.camera_height.mode != CameraHeightMode::kOff) {
+    ground = AddGround(settings.camera_height, semantics, sigma_px, planes, map);
+    if (ground.in_use) {
+      spdlog::info("camera height: {} cameras over {} ground planes, height {:.4g} map units",
+                   ground.num_cameras, ground.num_planes, ground.height);
+    } else {
+      spdlog::info("camera height not used: {}", ground.reason);
+    }
+  }
+  if (planes.planes.empty()) return {};
+  for (size_t k = 0; k < planes.planes.size(); ++k) {
+    // The ground under the cameras is what their heights are measured from: never held.
+    map.problem.planes[k].is_constant =
+        settings.planes.mode == PlaneMode::kFixed && !planes.planes[k].is_ground;
+  }
+  InitialisePlanes(settings.planes, sigma_px, planes, map.problem);
+  const auto iterations = OuterLoop(settings, &semantics.class_table, &planes, map).Run();
+  if (ground.in_use) {
+    ground.height = map.problem.height;
+    ground.spread_after = HeightSpread(map.problem);
+  }
+  return iterations;
 }
 
 }  // namespace s3lam

@@ -98,6 +98,8 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("solver", solver, "The bundle adjustment.");
   v.Group("outliers", outliers, "Observations that are left out.");
   v.Group("planes", planes, "Planes and the points on them.");
+  v.Group("relations", relations, "Planes that are parallel, orthogonal or coplanar.");
+  v.Group("camera_height", camera_height, "The camera keeps its height above the ground.");
   v.Group("outer", outer, "Rounds of solving and choosing inliers.");
 }
 
@@ -123,7 +125,7 @@ Report Run(const Options& options, const Input& input, Output& output) {
   }
   {
     const ScopedStep step(report.seconds, "planar");
-    const auto planar = AdjustPlanar(options, planes, map);
+    const auto planar = AdjustPlanar(options, input.semantics, planes, map, report.ground);
     report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
     if (!planar.empty()) arms.push_back(Snapshot("planar", map));
   }

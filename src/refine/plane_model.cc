@@ -192,11 +192,11 @@ double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, dou
   return plane.kappa * sigma_px * model.pixel_size[point];
 }
 
-void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& model,
-                 BundleProblem& problem) {
+void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, bool constant_only,
+                 PlaneModel& model, BundleProblem& problem) {
   for (size_t k = 0; k < model.planes.size(); ++k) {
     const PlaneState& state = model.planes[k];
-    if (!state.in_use) continue;
+    if (!state.in_use || (constant_only && !problem.planes[k].is_constant)) continue;
     std::vector<UncertainPoint> points;
     std::vector<size_t> all;
     for (const int i : state.members) {
@@ -213,7 +213,9 @@ void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& 
     if (fitted.normal.dot(plane.parameters.head<3>()) < 0.0) {
       fitted = {-fitted.normal, -fitted.offset};
     }
+    const bool is_constant = plane.is_constant;
     plane = AnchoredPlane::FromPlane(fitted, plane.anchor_in_world);
+    plane.is_constant = is_constant;
   }
 }
 
@@ -280,6 +282,7 @@ void GateMembers(const PlaneSigmaOptions& options, double sigma_px, double gate,
   for (size_t k = 0; k < model.planes.size(); ++k) {
     PlaneState& state = model.planes[k];
     state.members.clear();
+    if (!state.in_use) continue;
     for (const int i : state.candidates) {
       if (!(model.pixel_size[i] > 0.0)) continue;
       const int plane = static_cast<int>(k);
@@ -299,7 +302,7 @@ void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& 
   for (int round = 0; round < kInitialRounds; ++round) {
     EstimateKappa(options.sigma.min_kappa, sigma_px, problem, model);
     GateMembers(options.sigma, sigma_px, options.membership.max_sigma, problem, model);
-    RefitPlanes(options.sigma, sigma_px, model, problem);
+    RefitPlanes(options.sigma, sigma_px, false, model, problem);
     GateMembers(options.sigma, sigma_px, kKappaGate, problem, model);
   }
   for (PlaneState& plane : model.planes) plane.members.clear();
@@ -312,12 +315,16 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
   for (size_t k = 0; k < model.planes.size(); ++k) {
     PlaneState& state = model.planes[k];
     if (!state.in_use) continue;
+    // The heights of cameras pull at the ground; points that could then leave it would undo that.
+    const bool stays = state.is_ground && !state.members.empty();
     std::vector<int> members;
     std::vector<int> kept;
     for (const int i : state.candidates) {
       const bool was_member = std::binary_search(state.members.begin(), state.members.end(), i);
       bool is_member = false;
-      if (model.pixel_size[i] > 0.0) {
+      if (stays) {
+        is_member = was_member && model.pixel_size[i] > 0.0;
+      } else if (model.pixel_size[i] > 0.0) {
         const int plane = static_cast<int>(k);
         const double innovation =
             Innovation(Distance(problem, plane, i), NormalVariance(model, problem, plane, i),

@@ -111,7 +111,10 @@ SemanticMap RefinedSemantics(const SemanticMap& original, const PlaneModel& plan
   for (size_t k = 0; k < planes.planes.size(); ++k) {
     const PlaneState& state = planes.planes[k];
     if (!state.in_use || state.members.empty()) continue;
-    PlanarSurface surface = original.planes.at(state.id);
+    PlanarSurface surface;
+    surface.id = state.id;
+    surface.cluster_id = state.cluster_id;
+    surface.class_index = state.class_index;
     surface.plane_in_world = map.problem.planes[k].PlaneInWorld();
     surface.inliers.clear();
     for (const int i : state.members) surface.inliers.push_back(map.point_ids[i]);

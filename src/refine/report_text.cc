@@ -17,6 +17,8 @@ const char* RelationName(PlaneRelation relation) {
       return "orthogonal";
     case PlaneRelation::kCoplanar:
       return "coplanar";
+    case PlaneRelation::kMeeting:
+      return "meeting";
   }
   return "";
 }
@@ -113,6 +115,14 @@ json ToJson(const RefineReport& report) {
           {"note", report.note},
           {"median_depth", report.median_depth},
           {"gauge_scale_change", report.gauge_scale_change},
+          {"camera_height",
+           {{"in_use", report.ground.in_use},
+            {"reason", report.ground.reason},
+            {"ground_planes", report.ground.num_planes},
+            {"cameras", report.ground.num_cameras},
+            {"height", report.ground.height},
+            {"spread_before", report.ground.spread_before},
+            {"spread_after", report.ground.spread_after}}},
           {"arms", arms},
           {"planes", PlanesToJson(report)},
           {"plane_pairs", PairsToJson(report)},
@@ -150,6 +160,13 @@ std::string ToTable(const RefineReport& report) {
               [&](size_t i) { return arms[i].pose_moved_median; });
   text +=
       Row("cameras moved, max [map units]", n, [&](size_t i) { return arms[i].pose_moved_max; });
+  if (report.ground.in_use) {
+    text += fmt::format(
+        "\ncamera height {:.4g} map units over {} ground planes, varies by {:.2f} % (before {:.2f} "
+        "%)\n",
+        report.ground.height, report.ground.num_planes, 100.0 * report.ground.spread_after,
+        100.0 * report.ground.spread_before);
+  }
   double total = 0.0;
   for (const auto& [step, seconds] : report.seconds) total += seconds;
   text += fmt::format("\ntime {:.2f} s   peak memory {:.0f} MiB\n", total, report.peak_memory_mib);

@@ -238,8 +238,10 @@ TEST(PlaneRelationCosts, Gradients) {
     const Vectors blocks{PlaneVector(rng), PlaneVector(rng)};
     ExpectGradient(ParallelPlanesCost(0.02), blocks, {&manifold, &manifold});
     ExpectGradient(OrthogonalPlanesCost(0.02), blocks, {&manifold, &manifold});
-    ExpectGradient(CoplanarOffsetCost({1.0, 2.0, 3.0}, {-2.0, 0.5, 1.0}, 0.1), blocks,
-                   {&manifold, &manifold});
+    for (const bool opposite : {false, true}) {
+      ExpectGradient(PlanesMeetCost({1.0, 2.0, 3.0}, {-2.0, 0.5, 1.0}, opposite, 0.1), blocks,
+                     {&manifold, &manifold});
+    }
   }
 }
 
@@ -248,10 +250,11 @@ TEST(PlaneRelationCosts, VanishForTheRelation) {
   double residuals[3] = {1.0, 1.0, 1.0};
   ASSERT_TRUE(ParallelPlanesCost(0.1).Evaluate(Pointers(blocks).data(), residuals, nullptr));
   EXPECT_EQ(Eigen::Vector3d(residuals).norm(), 0.0);
-  // Plane a is z = 2 - 0.5, plane b is z = 0.5 + 1.
-  ASSERT_TRUE(CoplanarOffsetCost({7.0, 1.0, 2.0}, {-3.0, 4.0, 0.5}, 0.1)
+  // Anchored at heights 2 and 0.5, plane a is z = 2 - 0.5 and plane b, seen from the other side,
+  // z = 0.5 + 1: at the height of 4 both distances are 2.5.
+  ASSERT_TRUE(PlanesMeetCost({7.0, 1.0, 4.0 - 2.0}, {-3.0, 4.0, 4.0 - 0.5}, true, 0.1)
                   .Evaluate(Pointers(blocks).data(), residuals, nullptr));
-  EXPECT_NEAR(residuals[0], 0.0, 1e-15);
+  EXPECT_NEAR(residuals[0], 0.0, 1e-14);
   const Vectors crossed{{0.0, 0.0, 1.0, 0.5}, {0.6, 0.8, 0.0, 1.0}};
   ASSERT_TRUE(OrthogonalPlanesCost(0.1).Evaluate(Pointers(crossed).data(), residuals, nullptr));
   EXPECT_EQ(residuals[0], 0.0);

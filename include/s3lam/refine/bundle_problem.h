@@ -22,6 +22,7 @@ struct BundleObservation {
 struct AnchoredPlane {
   Eigen::Vector4d parameters = Eigen::Vector4d::UnitZ();
   Eigen::Vector3d anchor_in_world = Eigen::Vector3d::Zero();
+  bool is_constant = false;
 
   [[nodiscard]] Plane PlaneInWorld() const;
   static AnchoredPlane FromPlane(const Plane& plane_in_world, const Eigen::Vector3d& anchor);
@@ -41,15 +42,22 @@ struct HeightTerm {
   double sigma_relative = 0.01;
 };
 
-enum class PlaneRelation { kParallel, kOrthogonal, kCoplanar };
+enum class PlaneRelation {
+  kParallel,
+  kOrthogonal,
+  kCoplanar,
+  kMeeting,  // Nearly parallel and without a step between them: pieces of a bending ground.
+};
 
-/// Two planes stand in a relation, up to sigma [rad] and, for coplanar ones, an offset [map units].
+/// Two planes stand in a relation, up to sigma_rad and, for coplanar and meeting ones, up to
+/// sigma_offset [map units] at a place.
 struct RelationTerm {
   PlaneRelation relation = PlaneRelation::kParallel;
   int plane_a = 0;
   int plane_b = 0;
   double sigma_rad = 0.01;
   double sigma_offset = 1.0;
+  Eigen::Vector3d place_in_world = Eigen::Vector3d::Zero();
 };
 
 /// What holds the seven freedoms of the world frame: a constant pose (six) and a second camera
@@ -70,7 +78,6 @@ struct BundleProblem {
   /// Grouped by point, points ascending.
   std::vector<BundleObservation> observations;
   std::vector<AnchoredPlane> planes;
-  bool planes_are_constant = true;
   std::vector<PointOnPlane> points_on_planes;  // Ascending by point.
   std::vector<RelationTerm> relations;
   std::vector<HeightTerm> heights;

@@ -98,20 +98,23 @@ class OrthogonalPlanesCost : public ceres::SizedCostFunction<1, 4, 4> {
   double inverse_sigma_;
 };
 
-/// A point, usually the anchor of one plane, and its place on that plane's normal lie on another
-/// plane too: r = (n_b . (anchor_a - h_a n_a - anchor_b) + h_b) / sigma. With ParallelPlanesCost
-/// the two are the same plane. Blocks: plane a (4), plane b (4).
-class CoplanarOffsetCost : public ceres::SizedCostFunction<1, 4, 4> {
+/// Two planes meet at a place: with d the signed distance to a plane and s = +1 or -1 for normals
+/// to the same or to opposite sides, r = (d_a(x) - s d_b(x)) / sigma. With ParallelPlanesCost the
+/// two are the same plane. Blocks: plane a (4), plane b (4).
+class PlanesMeetCost : public ceres::SizedCostFunction<1, 4, 4> {
  public:
-  CoplanarOffsetCost(const Eigen::Vector3d& anchor_a, const Eigen::Vector3d& anchor_b,
-                     double sigma);
+  /// The place relative to either plane's anchor; sigma in map units.
+  PlanesMeetCost(const Eigen::Vector3d& arm_a, const Eigen::Vector3d& arm_b, bool opposite,
+                 double sigma);
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override;
 
  private:
-  Eigen::Vector3d anchor_difference_;  // anchor_a - anchor_b
-  double inverse_sigma_;
+  Eigen::Vector3d scaled_arm_a_;
+  Eigen::Vector3d scaled_arm_b_;  // With the sign s and divided by sigma.
+  double scale_a_;
+  double scale_b_;
 };
 
 }  // namespace s3lam

@@ -5,8 +5,10 @@
 
 #include "s3lam/base/options.h"
 #include "s3lam/refine/bundle_solver.h"
+#include "s3lam/refine/ground.h"
 #include "s3lam/refine/plane_model.h"
 #include "s3lam/refine/problem_builder.h"
+#include "s3lam/refine/relations.h"
 
 namespace s3lam {
 
@@ -30,6 +32,8 @@ struct OuterLoopSettings {
   BundleSolverOptions solver;
   OutlierOptions outliers;
   PlaneOptions planes;
+  RelationOptions relations;
+  CameraHeightOptions camera_height;
   OuterLoopOptions outer;
 };
 
@@ -39,9 +43,12 @@ std::vector<OuterIteration> AdjustPlain(const OuterLoopSettings& settings, Bundl
 
 /// Bundle adjustment with planes, after AdjustPlain: update the planes, assign points to them,
 /// solve, drop outliers, again until next to nothing changes. The kappa of each class is taken from
-/// the points as they are at the start, without the planes' pull. Does nothing if planes are off or
-/// none has enough points near it. Logs and throws as above.
-std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings, PlaneModel& planes,
-                                         BundleMap& map);
+/// the points as they are at the start, without the planes' pull. With the camera's height, if
+/// asked for
+/// (`ground` says what was found). Does nothing if planes are off or none has enough points near
+/// it. Logs and throws as above.
+std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
+                                         const SemanticMap& semantics, PlaneModel& planes,
+                                         BundleMap& map, GroundReport& ground);
 
 }  // namespace s3lam

@@ -61,7 +61,8 @@ struct PlaneState {
   std::vector<int> candidates;  // Ascending: inliers handed over, and its cluster's points nearby.
   std::vector<int> members;     // Ascending: points with a term at present.
   double kappa = 0.0;
-  bool in_use = true;  // False once it has too few members.
+  bool is_ground = false;  // A stretch of the ground under the cameras' path.
+  bool in_use = true;      // False once it has too few members.
 };
 
 /// Planes with the uncertainty of their points.
@@ -93,9 +94,9 @@ void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& 
 double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
                   const PlaneState& plane, int point);
 
-/// Fits every plane in use to its members anew.
-void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, PlaneModel& model,
-                 BundleProblem& problem);
+/// Fits every plane in use (or only those that solves hold constant) to its members anew.
+void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, bool constant_only,
+                 PlaneModel& model, BundleProblem& problem);
 
 struct MembershipCounts {
   size_t members = 0;
@@ -105,7 +106,8 @@ struct MembershipCounts {
 };
 
 /// Decides for every candidate whether it lies on its plane, by the distance it would have without
-/// the plane's pull (chi-squared, 95 %, 1 dof), and writes the terms into the problem.
+/// the plane's pull (chi-squared, 95 %, 1 dof), and writes the terms into the problem. Points of
+/// the ground are chosen once, before the cameras' heights pull at it.
 MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,
                               double sigma_px, PlaneModel& model, BundleProblem& problem);
 

@@ -51,6 +51,7 @@ struct RefineReport {
   std::string note;  // Why it is plain bundle adjustment, if it is one although planes were wanted.
   double median_depth = 0.0;        // [map units]
   double gauge_scale_change = 0.0;  // Of the held distance, relative: zero if the gauge held.
+  GroundReport ground;
   std::vector<ArmReport> arms;
   std::vector<PlaneReport> planes;
   std::vector<PlanePairReport> pairs;

@@ -1,0 +1,178 @@
+#include "s3lam/refine/relations.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "s3lam/robust/plane_fit.h"
+
+namespace s3lam {
+namespace {
+
+constexpr double kRadians = std::numbers::pi / 180.0;
+constexpr double kGateSigmas = 3.0;
+
+/// What the points say of a plane, without the plane's pull on them.
+struct Evidence {
+  bool usable = false;
+  Plane plane;
+  Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
+  double sigma_normal = 0.0;  // [rad]
+  double sigma_offset = 0.0;  // At the centroid [map units].
+  double sigma_point = 0.0;   // Median over the members [map units].
+};
+
+class Proposer {
+ public:
+  Proposer(const RelationOptions& options, const PlaneSigmaOptions& sigma, double sigma_px,
+           const ClassTable& classes, const PlaneModel& model, const BundleProblem& problem)
+      : options_(options),
+        sigma_(sigma),
+        sigma_px_(sigma_px),
+        classes_(classes),
+        model_(model),
+        problem_(problem) {}
+
+  std::vector<RelationTerm> Run() {
+    for (size_t k = 0; k < model_.planes.size(); ++k) evidence_.push_back(EvidenceOf(k));
+    std::vector<size_t> order;  // Planes with the most points first.
+    for (size_t k = 0; k < evidence_.size(); ++k) {
+      if (evidence_[k].usable) order.push_back(k);
+    }
+    std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
+      return model_.planes[a].members.size() > model_.planes[b].members.size();
+    });
+    std::vector<int> parallel(evidence_.size(), 0);
+    std::vector<int> orthogonal(evidence_.size(), 0);
+    for (size_t j = 1; j < order.size(); ++j) {
+      for (size_t i = 0; i < j; ++i) Consider(order[i], order[j], parallel, orthogonal);
+    }
+    std::sort(terms_.begin(), terms_.end(), [](const RelationTerm& a, const RelationTerm& b) {
+      return std::tuple(a.plane_a, a.plane_b, a.relation) <
+             std::tuple(b.plane_a, b.plane_b, b.relation);
+    });
+    return terms_;
+  }
+
+ private:
+  [[nodiscard]] Evidence EvidenceOf(size_t k) const {
+    Evidence evidence;
+    const PlaneState& state = model_.planes[k];
+    if (!state.in_use || state.is_ground || state.members.empty()) return evidence;
+    std::vector<UncertainPoint> points;
+    std::vector<size_t> all;
+    std::vector<double> sigmas;
+    for (const int i : state.members) {
+      sigmas.push_back(PlaneSigma(sigma_, model_, sigma_px_, state, i));
+      all.push_back(points.size());
+      points.push_back(
+          {problem_.points[i],
+           model_.covariances[i] + sigmas.back() * sigmas.back() * Eigen::Matrix3d::Identity()});
+    }
+    const auto fit = FitPlane(points, all);
+    if (!fit) return evidence;
+    evidence.plane = problem_.planes[k].PlaneInWorld();
+    evidence.centroid = evidence.plane.Project(fit->centroid);
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> tilt(
+        fit->covariance.topLeftCorner<2, 2>().eval());
+    evidence.sigma_normal = std::sqrt(std::max(0.0, tilt.eigenvalues()[1]));
+    evidence.sigma_offset = std::sqrt(std::max(0.0, fit->covariance(2, 2)));
+    std::nth_element(sigmas.begin(), sigmas.begin() + static_cast<long>(sigmas.size() / 2),
+                     sigmas.end());
+    evidence.sigma_point = sigmas[sigmas.size() / 2];
+    evidence.usable = evidence.sigma_normal <= options_.max_normal_sigma_deg * kRadians;
+    return evidence;
+  }
+
+  void Consider(size_t a, size_t b, std::vector<int>& parallel, std::vector<int>& orthogonal) {
+    if (IsRefused(a, b)) return;
+    const Evidence& ea = evidence_[a];
+    const Evidence& eb = evidence_[b];
+    const double angle = PlaneAngle(ea.plane, eb.plane);
+    const double sigma = std::hypot(ea.sigma_normal, eb.sigma_normal);
+    const double gate = kGateSigmas * std::hypot(sigma, options_.sigma_deg * kRadians);
+    RelationTerm term;
+    term.plane_a = static_cast<int>(std::min(a, b));
+    term.plane_b = static_cast<int>(std::max(a, b));
+    term.sigma_rad = options_.sigma_deg * kRadians;
+    if (angle <= std::min(gate, options_.max_parallel_deg * kRadians)) {
+      if (parallel[b] >= options_.max_partners) return;
+      ++parallel[b];
+      term.relation = PlaneRelation::kParallel;
+      if (AreCoplanar(a, b, term)) term.relation = PlaneRelation::kCoplanar;
+    } else if (std::abs(angle - 0.5 * std::numbers::pi) <=
+               std::min(gate, options_.max_orthogonal_deg * kRadians)) {
+      if (orthogonal[b] >= options_.max_partners) return;
+      ++orthogonal[b];
+      term.relation = PlaneRelation::kOrthogonal;
+    } else {
+      return;
+    }
+    terms_.push_back(term);
+  }
+
+  /// Fills place and sigma of the offset, too.
+  bool AreCoplanar(size_t a, size_t b, RelationTerm& term) const {
+    if (model_.planes[a].class_index != model_.planes[b].class_index) return false;
+    const Evidence& ea = evidence_[a];
+    const Evidence& eb = evidence_[b];
+    term.place_in_world = 0.5 * (ea.centroid + eb.centroid);
+    term.sigma_offset = std::max(ea.sigma_point, eb.sigma_point);
+    const double half_distance = 0.5 * (ea.centroid - eb.centroid).norm();
+    const double uncertainty =
+        std::hypot(std::hypot(ea.sigma_offset, eb.sigma_offset),
+                   half_distance * std::hypot(ea.sigma_normal, eb.sigma_normal));
+    const double sign = ea.plane.normal.dot(eb.plane.normal) < 0.0 ? -1.0 : 1.0;
+    const double step = std::abs(ea.plane.SignedDistance(term.place_in_world) -
+                                 sign * eb.plane.SignedDistance(term.place_in_world));
+    // The planes must tell a step of a point's own sigma, else anything would pass for coplanar.
+    return uncertainty <= term.sigma_offset &&
+           step <= options_.max_offset_sigma * std::hypot(uncertainty, term.sigma_offset / 3.0);
+  }
+
+  [[nodiscard]] bool IsRefused(size_t a, size_t b) const {
+    const std::string& name_a = classes_.classes.at(model_.planes[a].class_index).name;
+    const std::string& name_b = classes_.classes.at(model_.planes[b].class_index).name;
+    const auto& refused = options_.refused;
+    return std::find(refused.begin(), refused.end(), name_a + "|" + name_b) != refused.end() ||
+           std::find(refused.begin(), refused.end(), name_b + "|" + name_a) != refused.end();
+  }
+
+  const RelationOptions& options_;
+  const PlaneSigmaOptions& sigma_;
+  double sigma_px_;
+  const ClassTable& classes_;
+  const PlaneModel& model_;
+  const BundleProblem& problem_;
+  std::vector<Evidence> evidence_;
+  std::vector<RelationTerm> terms_;
+};
+
+}  // namespace
+
+void RelationOptions::Visit(OptionVisitor& v) {
+  v.Value("enabled", enabled, "whether planes are held parallel, orthogonal or coplanar (joint)");
+  v.Value("max_parallel_deg", max_parallel_deg, "largest angle of a parallel pair [deg]", 0.0,
+          90.0);
+  v.Value("max_orthogonal_deg", max_orthogonal_deg,
+          "largest deviation of an orthogonal pair from a right angle [deg]", 0.0, 90.0);
+  v.Value("max_normal_sigma_deg", max_normal_sigma_deg,
+          "planes with less certain normals take no part [deg]", 0.0, 90.0);
+  v.Value("sigma_deg", sigma_deg, "how well the relations hold in reality [deg]", 1e-6, 90.0);
+  v.Value("max_offset_sigma", max_offset_sigma, "largest step between coplanar planes [sigma]", 0.0,
+          1e6);
+  v.Value("max_partners", max_partners, "most relations of a kind per plane", 0, 1000);
+  v.Value("refused", refused, "pairs of classes without relations, as \"class|class\"");
+}
+
+std::vector<RelationTerm> ProposeRelations(const RelationOptions& options,
+                                           const PlaneSigmaOptions& sigma, double sigma_px,
+                                           const ClassTable& classes, const PlaneModel& model,
+                                           const BundleProblem& problem) {
+  return Proposer(options, sigma, sigma_px, classes, model, problem).Run();
+}
+
+}  // namespace s3lam
