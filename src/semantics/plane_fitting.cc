@@ -152,12 +152,12 @@ std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstructi
   std::vector<PlaneFit> fits;
   for (int i = 0; i < options.max_planes_per_cluster && rest.size() >= min_inliers; ++i) {
     auto fit = FitNextPlane(candidates, rest, band, options, rng);
-    if (!fit || fit->inliers.size() < min_inliers) break;
+    if (!fit) break;
     std::vector<size_t> remaining;
     std::set_difference(rest.begin(), rest.end(), fit->inliers.begin(), fit->inliers.end(),
                         std::back_inserter(remaining));
     rest = std::move(remaining);
-    fits.push_back(std::move(*fit));
+    if (fit->inliers.size() >= min_inliers) fits.push_back(std::move(*fit));
   }
   JoinLayers(candidates, options, fits);
   std::vector<PlanarSurface> surfaces;

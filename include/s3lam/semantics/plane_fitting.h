@@ -14,7 +14,7 @@ struct PlaneOptions {
   double min_keypoint_sigma_px = 0.5;
   double roughness = 0.004;
   double max_point_sigma = 0.05;
-  double max_gap = 0.3;
+  double max_gap = 0.5;
   double merge_angle_deg = 5.0;
   double merge_sigmas = 2.0;
   double orientation_deg = 15.0;
