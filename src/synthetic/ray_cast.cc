@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cmath>
-#include <limits>
+#include <numbers>
 
 namespace s3lam {
 namespace {
@@ -58,9 +58,28 @@ std::optional<double> CastSurface(const Surface& surface, const Eigen::Vector3d&
 
 std::vector<Eigen::Vector3d> BoundingPoints(const Surface& surface) {
   if (surface.shape == SurfaceShape::kPolygon) return surface.corners;
+  // The arc's extent: its ends, and the axes' directions that lie within it.
+  Eigen::Vector2d low(1.0, 1.0);
+  Eigen::Vector2d high(-1.0, -1.0);
+  const auto include = [&](double angle) {
+    const Eigen::Vector2d on_arc(std::cos(angle), std::sin(angle));
+    low = low.cwiseMin(on_arc);
+    high = high.cwiseMax(on_arc);
+  };
+  include(std::max(surface.angle_min, -std::numbers::pi));
+  include(std::min(surface.angle_max, std::numbers::pi));
+  for (int quarter = -2; quarter <= 2; ++quarter) {
+    const double angle = 0.5 * std::numbers::pi * quarter;
+    if (angle >= surface.angle_min && angle <= surface.angle_max) include(angle);
+  }
+  if (surface.shape == SurfaceShape::kEllipsoid) {  // Its parallels reach further in.
+    low = low.cwiseMin(0.0);
+    high = high.cwiseMax(0.0);
+  }
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < 8; ++i) {
-    const Eigen::Vector3d corner((i & 1) != 0 ? 1.0 : -1.0, (i & 2) != 0 ? 1.0 : -1.0,
+    const Eigen::Vector3d corner((i & 1) != 0 ? high.x() : low.x(),
+                                 (i & 2) != 0 ? high.y() : low.y(),
                                  (i & 4) != 0 ? surface.z_max : surface.z_min);
     points.push_back(surface.world_from_local * surface.radii.cwiseProduct(corner));
   }

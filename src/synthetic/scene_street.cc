@@ -159,9 +159,14 @@ void Street::AddHouse(double side, double begin, double end, double offset) {
   flank.texel_m = 0.02;
   build_.AddParallelogram(house, a + kDepth * back, -kDepth * back, up, flank);
   build_.AddParallelogram(house, b, kDepth * back, up, flank);
+  constexpr double kRidge = 2.6;  // Above the eaves.
+  for (const Eigen::Vector3d& eaves : {Eigen::Vector3d(a + up), Eigen::Vector3d(b + up)}) {
+    const Eigen::Vector3d far = eaves + 3.7 * back;
+    build_.AddPolygon(house, {eaves, far, far + Eigen::Vector3d(0.0, 0.0, kRidge)}, flank);
+  }
   const TextureSpec tiles = build_.Texture(TextureStyle::kBrick, {150, 85, 65}, {95, 55, 45}, 0.03);
   build_.AddParallelogram(house, a + up - 0.3 * back, b - a,
-                          4.0 * back + Eigen::Vector3d(0.0, 0.0, 2.6), tiles);
+                          4.0 * back + Eigen::Vector3d(0.0, 0.0, kRidge), tiles);
 }
 
 void Street::AddGap(double side, double begin, double end, double offset) {

@@ -39,6 +39,10 @@ Layout LayoutOf(const Scene& scene) {
 }
 constexpr const char* kTruthFiles[2] = {"truth_clean.json", "truth_noisy.json"};
 
+// Without parameters OpenCV writes PNGs with one filter and run lengths; a compression level, even
+// the lowest, makes it try all filters for every row.
+const std::vector<int> kFastPng;
+
 // What remains of a frame when its files are written.
 struct FrameRecord {
   json annotations[2];
@@ -104,12 +108,10 @@ class Writer {
 
 FrameRecord Writer::WriteFrame(const Renderer& renderer, int frame) const {
   constexpr int kJpegQuality = 95;
-  constexpr int kPngCompression = 1;
   const RenderedFrame rendered = renderer.Render(frame);
   const bool is_jpeg = options_.image_format == "jpg";
   WriteEncoded(directory_ / ImageName(frame), rendered.image,
-               is_jpeg ? std::vector<int>{cv::IMWRITE_JPEG_QUALITY, kJpegQuality}
-                       : std::vector<int>{cv::IMWRITE_PNG_COMPRESSION, kPngCompression});
+               is_jpeg ? std::vector<int>{cv::IMWRITE_JPEG_QUALITY, kJpegQuality} : kFastPng);
   const SyntheticPanoptic masks[2] = {
       MakePanoptic(scene_, frame, rendered.labels),
       MakeCorruptedPanoptic(scene_, frame, rendered.labels, options_.masks)};
@@ -117,8 +119,7 @@ FrameRecord Writer::WriteFrame(const Renderer& renderer, int frame) const {
   const std::string mask_name = FrameName(layout_, frame) + ".png";
   for (int kind = 0; kind < 2; ++kind) {
     WriteEncoded(directory_ / layout_.mask_folders[kind] / mask_name,
-                 EncodeMask(masks[kind].frame.segment_ids, scene_.layout),
-                 {cv::IMWRITE_PNG_COMPRESSION, kPngCompression});
+                 EncodeMask(masks[kind].frame.segment_ids, scene_.layout), kFastPng);
     record.annotations[kind] = synthetic::AnnotationJson(scene_, masks[kind], frame, mask_name);
     record.truth[kind] = synthetic::FrameTruthJson(scene_, masks[kind]);
     record.num_segments[kind] = masks[kind].frame.segments.size();

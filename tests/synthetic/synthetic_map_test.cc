@@ -19,8 +19,10 @@ SyntheticMapOptions Small() {
 }
 
 TEST(SyntheticMap, IsConsistentInEveryScene) {
+  SyntheticMapOptions options = Small();
+  options.num_points = 4000;
   for (const std::string& name : SceneNames()) {
-    const SyntheticMap map = MakeSyntheticMap(name, 1, Small());
+    const SyntheticMap map = MakeSyntheticMap(name, 1, options);
     ASSERT_NO_THROW(CheckReconstruction(map.truth, name));
     ASSERT_NO_THROW(CheckReconstruction(map.estimate, name));
     ASSERT_NO_THROW(CheckSemanticMap(map.semantics, map.estimate, name));
