@@ -23,9 +23,8 @@ std::vector<int> KeyframesInTime(const Map& map) {
 ImageId ImageOfFrame(int frame) { return ImageId(static_cast<uint32_t>(frame) + 1); }
 
 /// Images with all their keypoints, at the pixels where they were found.
-void AddImages(const Input& input, const Map& map, const std::vector<int>& keyframes,
+void AddImages(const Input& input, Camera camera, const Map& map, const std::vector<int>& keyframes,
                Reconstruction& reconstruction) {
-  Camera camera = input.camera;
   camera.id = CameraId(1);
   reconstruction.cameras[camera.id] = camera;
   for (const int k : keyframes) {
@@ -122,9 +121,30 @@ void FillReport(const std::vector<FrameTrack>& localized, Result& result) {
 
 }  // namespace
 
-void Export(const Input& input, const Map& map, const std::vector<FrameTrack>& localized,
-            Result& result) {
-  AddImages(input, map, KeyframesInTime(map), result.reconstruction);
+CalibrationProblem MakeCalibrationProblem(const Map& map) {
+  CalibrationProblem problem;
+  std::vector<int> pose_of_keyframe(static_cast<size_t>(map.num_keyframes()), kNoIndex);
+  for (int k = 0; k < map.num_keyframes(); ++k) {
+    if (!map.keyframe(k).alive) continue;
+    pose_of_keyframe[k] = static_cast<int>(problem.poses.size());
+    problem.poses.push_back(map.keyframe(k).cam_from_world);
+  }
+  for (int p = 0; p < map.num_points(); ++p) {
+    if (!map.point(p).alive) continue;
+    for (const MapObservation& o : map.point(p).observations) {
+      const Keypoint& keypoint = map.keypoint(o);
+      problem.observations.push_back({pose_of_keyframe[o.keyframe],
+                                      static_cast<int>(problem.points.size()),
+                                      keypoint.pixel.cast<double>(), 1.0 / keypoint.sigma});
+    }
+    problem.points.push_back(map.point(p).position);
+  }
+  return problem;
+}
+
+void Export(const Input& input, const Camera& camera, const Map& map,
+            const std::vector<FrameTrack>& localized, Result& result) {
+  AddImages(input, camera, map, KeyframesInTime(map), result.reconstruction);
   AddPoints(map, result);
   AddColors(input, result.reconstruction);
   UpdatePointErrors(result.reconstruction);

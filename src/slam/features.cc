@@ -68,6 +68,19 @@ FrameFeatures::FrameFeatures(std::vector<Keypoint> keypoints,
                              std::vector<BinaryDescriptor> descriptors,
                              const Undistorter& undistorter)
     : keypoints_(std::move(keypoints)), descriptors_(std::move(descriptors)) {
+  BuildGrid(undistorter);
+}
+
+void FrameFeatures::Undistort(const Undistorter& undistorter) {
+  for (Keypoint& keypoint : keypoints_) {
+    // Where the refined distortion has no inverse, the old place stays: it matches nothing there.
+    const auto undistorted = undistorter.Undistort(keypoint.pixel.cast<double>());
+    if (undistorted) keypoint.undistorted = undistorted->cast<float>();
+  }
+  BuildGrid(undistorter);
+}
+
+void FrameFeatures::BuildGrid(const Undistorter& undistorter) {
   lower_ = undistorter.lower().cast<float>();
   const Eigen::Vector2f size = (undistorter.upper() - undistorter.lower()).cast<float>();
   cells_per_px_ = Eigen::Vector2f(kColumns, kRows).cwiseQuotient(size);

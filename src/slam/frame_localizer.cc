@@ -30,10 +30,7 @@ FrameTrack FrameLocalizer::FromKeyframe(int keyframe) const {
   track.tracked = true;
   track.cam_from_world = map_.keyframe(keyframe).cam_from_world;
   track.reference_keyframe = keyframe;
-  const std::vector<int>& points = map_.keyframe(keyframe).point_of_keypoint;
-  for (size_t i = 0; i < points.size(); ++i) {
-    if (points[i] != kNoIndex) track.matches.push_back({static_cast<int>(i), points[i]});
-  }
+  track.matches = map_.MatchesOf(keyframe);
   return track;
 }
 

@@ -134,6 +134,15 @@ void Map::UpdateGeometry(int index) {
   point.level0_distance = std::exp(log_distance / static_cast<double>(point.observations.size()));
 }
 
+std::vector<PointMatch> Map::MatchesOf(int keyframe) const {
+  std::vector<PointMatch> matches;
+  const std::vector<int>& points = keyframes_[keyframe].point_of_keypoint;
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (points[i] != kNoIndex) matches.push_back({static_cast<int>(i), points[i]});
+  }
+  return matches;
+}
+
 Rigid3 Map::PoseOf(int keyframe) const {
   const Keyframe& k = keyframes_[keyframe];
   if (k.alive || k.anchor == kNoIndex) return k.cam_from_world;

@@ -86,20 +86,21 @@ bool MapBuilder::TrackFrame(int frame, int direction) {
   for (const int point : track.missed) map_.CountVisible(point, false);
   track.missed.clear();
   track.missed.shrink_to_fit();
-  if (tracker_.NeedsKeyframe(map_, track, std::abs(frame - last_keyframe_frame_))) {
-    const int keyframe = mapper_.AddKeyframe(map_, frame, track);
-    track.reference_keyframe = keyframe;
-    track.cam_from_reference = Rigid3{};
-    track.matches.clear();
-    const std::vector<int>& points = map_.keyframe(keyframe).point_of_keypoint;
-    for (size_t i = 0; i < points.size(); ++i) {
-      if (points[i] != kNoIndex) track.matches.push_back({static_cast<int>(i), points[i]});
-    }
-    last_keyframe_frame_ = frame;
-  }
+  const bool needs_keyframe =
+      tracker_.NeedsKeyframe(map_, track, std::abs(frame - last_keyframe_frame_));
   tracks_[frame] = std::move(track);
+  if (needs_keyframe) MakeKeyframe(frame);
   progress_(++frames_done_, map_.num_keyframes());
   return true;
+}
+
+void MapBuilder::MakeKeyframe(int frame) {
+  FrameTrack& track = tracks_[frame];
+  const int keyframe = mapper_.AddKeyframe(map_, frame, track);
+  track.reference_keyframe = keyframe;
+  track.cam_from_reference = Rigid3{};
+  track.matches = map_.MatchesOf(keyframe);
+  last_keyframe_frame_ = frame;
 }
 
 int MapBuilder::Follow(int first, int direction) {
@@ -111,6 +112,9 @@ int MapBuilder::Follow(int first, int direction) {
     }
     frame += direction;
   }
+  // What lies beyond the last keyframe is known from one side only: the last frame becomes one too.
+  const int last = frame - direction;
+  if (last != last_keyframe_frame_ && IsTracked(last)) MakeKeyframe(last);
   return frame;
 }
 

@@ -73,6 +73,25 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
   builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
 }
 
+/// Checks the lens distortion against the map; where it is refined, everything is undistorted and
+/// adjusted again.
+SelfCalibrationReport Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
+                                  Undistorter& undistorter, MapBuilder& builder) {
+  SelfCalibrationReport report;
+  report.camera = undistorter.camera();
+  if (!options.self_calibration.enabled) return report;
+  report = RefineDistortion(options.self_calibration, undistorter.camera(),
+                            MakeCalibrationProblem(builder.map()));
+  spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
+               100.0 * report.cost_decrease, report.accepted ? "refined" : "camera kept as given");
+  if (!report.accepted) return report;
+  undistorter = Undistorter(report.camera);
+  ParallelFor(frames.size(), options.num_threads,
+              [&](size_t i) { frames[i].Undistort(undistorter); });
+  builder.mapper().AdjustGlobally(builder.map(), options.global_rounds, options.num_threads);
+  return report;
+}
+
 /// Poses of all frames in the final map: keyframes as they are, others refined against it.
 std::vector<FrameTrack> LocalizeFrames(const Options& options, const MapBuilder& builder,
                                        const Map& map) {
@@ -99,6 +118,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("tracker", tracker, "localising frames in the map");
   v.Group("mapper", mapper, "growing and pruning the map");
   v.Group("second_pass", second_pass, "what knowing the whole map adds");
+  v.Group("self_calibration", self_calibration, "refinement of the lens distortion");
   v.Value("min_localization_inliers", min_localization_inliers,
           "points that a frame must see in the final map to be localised", 6, 10000);
   v.Value("global_rounds", global_rounds,
@@ -111,7 +131,7 @@ Result Run(const Options& options, const Input& input) {
     ThrowInputError("a sequence of {} images is too short", input.names.size());
   Result result;
   StepTimes& seconds = result.report.seconds;
-  const Undistorter undistorter(input.camera);
+  Undistorter undistorter(input.camera);
 
   std::vector<FrameFeatures> frames;
   {
@@ -138,6 +158,11 @@ Result Run(const Options& options, const Input& input) {
     builder.mapper().AdjustGlobally(builder.map(), options.global_rounds, options.num_threads);
   }
   ImproveMap(options, input, undistorter, builder, seconds);
+  SelfCalibrationReport calibration;
+  {
+    const ScopedStep step(seconds, "self-calibration");
+    calibration = Recalibrate(options, frames, undistorter, builder);
+  }
   std::vector<FrameTrack> localized;
   {
     const ScopedStep step(seconds, "localising all frames");
@@ -145,8 +170,10 @@ Result Run(const Options& options, const Input& input) {
   }
   {
     const ScopedStep step(seconds, "export");
-    Export(input, builder.map(), localized, result);
+    Export(input, calibration.camera, builder.map(), localized, result);
   }
+  result.report.camera_was_refined = calibration.accepted;
+  result.report.distortion_cost_share = calibration.cost_decrease;
   result.report.initial_frames = {pair.frame_a, pair.frame_b};
   result.report.initial_parallax_deg = pair.parallax_deg;
   result.report.num_relocalizations = builder.num_relocalizations();
@@ -170,6 +197,8 @@ nlohmann::json ToJson(const Report& report) {
           {"mean_track_length", report.mean_track_length},
           {"initial_frames", report.initial_frames},
           {"initial_parallax_deg", report.initial_parallax_deg},
+          {"camera_was_refined", report.camera_was_refined},
+          {"distortion_cost_share", report.distortion_cost_share},
           {"seconds", report.seconds},
           {"per_frame", frames}};
 }

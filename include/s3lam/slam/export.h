@@ -27,9 +27,12 @@ class FrameLocalizer {
   const std::vector<int>& keyframe_of_frame_;
 };
 
+/// What the keyframes saw of the points, in original pixels.
+CalibrationProblem MakeCalibrationProblem(const Map& map);
+
 /// Fills reconstruction, descriptors, trajectories and report from the finished map. Point and
 /// image ids are counted from 1; colours are sampled in the keyframes.
-void Export(const Input& input, const Map& map, const std::vector<FrameTrack>& localized,
-            Result& result);
+void Export(const Input& input, const Camera& camera, const Map& map,
+            const std::vector<FrameTrack>& localized, Result& result);
 
 }  // namespace s3lam::slam

@@ -85,6 +85,8 @@ class FrameFeatures {
   [[nodiscard]] int size() const { return static_cast<int>(keypoints_.size()); }
   [[nodiscard]] const Keypoint& keypoint(int i) const { return keypoints_[i]; }
   [[nodiscard]] const BinaryDescriptor& descriptor(int i) const { return descriptors_[i]; }
+  /// Undistorts all keypoints anew, for a camera that was refined.
+  void Undistort(const Undistorter& undistorter);
   /// Corrects a keypoint's place by a fraction of a pixel (the grid stays as it is).
   void Move(int i, const Eigen::Vector2d& pixel, const Eigen::Vector2d& undistorted, double sigma);
 
@@ -98,6 +100,7 @@ class FrameFeatures {
   static constexpr int kColumns = 64;
   static constexpr int kRows = 48;
 
+  void BuildGrid(const Undistorter& undistorter);
   [[nodiscard]] int Column(double x) const;
   [[nodiscard]] int Row(double y) const;
 

@@ -28,6 +28,12 @@ struct MapObservation {
   int keypoint = kNoIndex;
 };
 
+/// A keypoint of a frame and the map point it sees.
+struct PointMatch {
+  int keypoint = kNoIndex;
+  int point = kNoIndex;
+};
+
 struct MapPoint {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // in world
   std::vector<MapObservation> observations;            // Ascending keyframes, each at most once.
@@ -96,6 +102,8 @@ class Map {
   void UpdateAppearance(int point);
   void UpdateGeometry(int point);
 
+  /// Everything a keyframe sees, by ascending keypoint.
+  [[nodiscard]] std::vector<PointMatch> MatchesOf(int keyframe) const;
   /// Pose of a keyframe, removed or not, in the map as it is now.
   [[nodiscard]] Rigid3 PoseOf(int keyframe) const;
   /// The alive point that took the place of this one; kNoIndex if it was erased.

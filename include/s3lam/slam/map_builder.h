@@ -40,6 +40,7 @@ class MapBuilder {
   /// there is none.
   int Recover(int lost);
   bool TrackFrame(int frame, int direction);
+  void MakeKeyframe(int frame);
   [[nodiscard]] Rigid3 PredictPose(int frame, int direction) const;
   [[nodiscard]] bool IsTracked(int frame) const;
 

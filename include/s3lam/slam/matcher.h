@@ -13,12 +13,6 @@ namespace s3lam {
 inline constexpr int kLooseDescriptorDistance = 100;
 inline constexpr int kStrictDescriptorDistance = 50;
 
-/// A keypoint of a frame and the map point it sees.
-struct PointMatch {
-  int keypoint = kNoIndex;
-  int point = kNoIndex;
-};
-
 /// Where an image is and what it can see, for projecting points into it.
 struct FrameView {
   const FrameFeatures* features = nullptr;

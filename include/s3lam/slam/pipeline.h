@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "s3lam/base/timer.h"
+#include "s3lam/optim/self_calibration.h"
 #include "s3lam/scene/descriptor.h"
 #include "s3lam/scene/reconstruction.h"
 #include "s3lam/scene/trajectory.h"
@@ -24,6 +25,7 @@ struct Options {
   TrackerOptions tracker;
   MapperOptions mapper;
   SecondPassOptions second_pass;
+  SelfCalibrationOptions self_calibration;
   int min_localization_inliers = 15;
   int global_rounds = 5;
   int num_threads = 0;  // Not a configuration value: results do not depend on it.
@@ -47,7 +49,7 @@ struct Input {
 struct FrameReport {
   bool localized = false;
   bool is_keyframe = false;
-  int num_inliers = 0;
+  int num_inliers = 0;  // Points seen.
 };
 
 struct Report {
@@ -59,6 +61,8 @@ struct Report {
   int num_relocalizations = 0;
   double rms_px = 0.0;
   double mean_track_length = 0.0;
+  bool camera_was_refined = false;
+  double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
   std::array<int, 2> initial_frames{-1, -1};
   double initial_parallax_deg = 0.0;
   std::vector<FrameReport> frames;
