@@ -14,7 +14,7 @@ import sys
 
 STAGES = ("slam", "semantics", "refine")
 # Modules whose business is files.
-FILE_MODULES = ("base", "io", "report")
+FILE_MODULES = ("base", "io", "report", "synthetic")
 FILE_ACCESS = re.compile(r"#include <(fstream|filesystem|cstdio|opencv2/(imgcodecs|videoio)\.hpp)>"
                          r"|\bcv::(imread|imwrite)\b|\bfopen\b")
 OUR_INCLUDE = re.compile(r'^\s*#include\s+["<]s3lam/(\w+)/', re.MULTILINE)
