@@ -116,6 +116,7 @@ TEST(FuseLabels, LeavesOutBordersUnlessThereIsNothingElse) {
   auto& observations = builder.result().observations;
   observations[0].near_border = observations[1].near_border = true;
   FusionOptions options;
+  options.drop_border = true;
   EXPECT_EQ(MostLikelyClass(FuseLabels(builder.result(), kClasses, options), 0), 1);
   EXPECT_EQ(MostLikelyClass(FuseLabels(builder.result(), kClasses, options), 1), 3);
   options.drop_border = false;

@@ -17,8 +17,8 @@ struct FusionOptions {
   FusionMethod method = FusionMethod::kBayes;
   double floor = 0.01;
   bool use_scores = true;
-  bool drop_border = true;
-  double tempering = 0.5;
+  bool drop_border = false;
+  double tempering = 0.25;
 
   void Visit(OptionVisitor& v);
 };
