@@ -1,0 +1,65 @@
+#include "s3lam/slam/initializer.h"
+
+#include <gtest/gtest.h>
+
+#include "slam/slam_fixture.h"
+
+namespace s3lam {
+namespace {
+
+class InitializerTest : public ::testing::Test {
+ protected:
+  InitializerTest() : undistorter_(testing::MakeTestCamera(CameraModel::kSimpleRadial)) {}
+
+  /// Frames with steps of `translation` and `rotation` each, half a pixel of noise.
+  std::vector<FrameFeatures> MakeFrames(bool planar, const Eigen::Vector3d& translation,
+                                        const Eigen::Vector3d& rotation) {
+    Rng rng(8);
+    const testing::PointCloud cloud = testing::MakeCloud(600, planar, 9);
+    std::vector<FrameFeatures> frames;
+    for (int i = 0; i < 25; ++i) {
+      const Rigid3 pose{QuaternionFromRotationVector(i * rotation), i * translation};
+      poses_.push_back(pose);
+      frames.push_back(testing::SeeCloud(cloud, pose, undistorter_, 0.5, rng));
+    }
+    return frames;
+  }
+
+  void ExpectRightMotion(const InitialPair& pair) {
+    const Rigid3 truth = poses_[pair.frame_b] * poses_[pair.frame_a].Inverse();
+    EXPECT_LT(RotationAngle(pair.b_from_a.rotation, truth.rotation), 0.01);
+    EXPECT_GT(pair.b_from_a.translation.normalized().dot(truth.translation.normalized()), 0.99);
+  }
+
+  Undistorter undistorter_;
+  std::vector<Rigid3> poses_;
+};
+
+TEST_F(InitializerTest, FindsTheMotionInAGeneralScene) {
+  const auto frames = MakeFrames(false, {0.05, 0.01, 0.01}, {0.0, 0.005, 0.0});
+  const auto pair = FindInitialPair({}, frames, undistorter_);
+  ASSERT_TRUE(pair.has_value());
+  EXPECT_GE(pair->points.size(), 150U);
+  EXPECT_GE(pair->parallax_deg, 1.0);
+  ExpectRightMotion(*pair);
+}
+
+TEST_F(InitializerTest, SettlesThePlanarAmbiguity) {
+  const auto frames = MakeFrames(true, {0.05, 0.0, 0.03}, {0.004, 0.004, 0.0});
+  const auto pair = FindInitialPair({}, frames, undistorter_);
+  ASSERT_TRUE(pair.has_value());
+  ExpectRightMotion(*pair);
+}
+
+TEST_F(InitializerTest, RefusesAPureRotation) {
+  const auto frames = MakeFrames(false, Eigen::Vector3d::Zero(), {0.002, 0.012, 0.0});
+  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_).has_value());
+}
+
+TEST_F(InitializerTest, RefusesAStandstill) {
+  const auto frames = MakeFrames(false, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
+  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_).has_value());
+}
+
+}  // namespace
+}  // namespace s3lam
