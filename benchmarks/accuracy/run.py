@@ -142,6 +142,8 @@ def parse_arguments():
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                         help="for s3-refine with planes, e.g. planes.mode=fixed; may be repeated")
+    parser.add_argument("--readme", action="store_true",
+                        help="put the tables into README.md, between the marks made for them")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     return parser.parse_args()
 
@@ -159,6 +161,9 @@ def main():
                       {"version": programs.version(), "threads": arguments.threads,
                        "settings": arguments.set, "results": results, "baselines": baselines})
     (arguments.output / "results.md").write_text(text)
+    if arguments.readme:
+        tables.replace_marked(sequences.ROOT / "README.md",
+                              "accuracy" if arguments.data else "synthetic", text)
     print(text)
     stages.say(f"Written to {arguments.output}")
 

@@ -4,6 +4,8 @@ import dataclasses
 import json
 import pathlib
 
+import planes
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CLASSES = ROOT / "configs" / "classes"
 
@@ -54,6 +56,29 @@ REAL = {"redkitchen": redkitchen, "kitti07": kitti07, "mh05": mh05}
 
 def real_sequence(name, data):
     return REAL[name](data / name)
+
+
+def synthetic_sequence(name, folder):
+    """What s3-synth wrote, in the layout of redkitchen or of kitti07."""
+    kitti = (folder / "image_0").is_dir()
+    classes = CLASSES / ("cityscapes.json" if kitti else "coco.json")
+    names = class_names(classes)
+    objects = json.loads((folder / "objects.json").read_text())["objects"]
+    true_planes, directions = [], []
+    for o in objects:
+        if not o.get("plane_reliable"):
+            continue
+        normal = o["plane_gt"]["n"]
+        group = next((i for i, d in enumerate(directions) if planes.angle_deg(d, normal) < 0.1),
+                     len(directions))
+        if group == len(directions):
+            directions.append(normal)
+        # Things may share a name; the id does not repeat.
+        true_planes.append({"name": f"{o['id']} {o['name']}", "class": names[o["category_id"]],
+                            "normal": normal, "parallel": group})
+    clean = folder / ("panoptic" if kitti else "panoptic_clean")
+    return Sequence(name, folder, [folder / "groundtruth.txt"],
+                    {"clean": clean, "noisy": folder / "panoptic_noisy"}, classes, true_planes)
 
 
 SCENES = ["desk", "floor", "posters", "room", "street"]

@@ -80,3 +80,13 @@ def report(results, baselines):
     if baselines:
         text += "\nOther systems on the same images.\n\n" + baseline_table(baselines)
     return text
+
+
+def replace_marked(path, mark, text):
+    """Replaces what stands between <!-- mark: begin --> and <!-- mark: end -->."""
+    begin, end = f"<!-- {mark}: begin -->\n", f"<!-- {mark}: end -->"
+    before, found, rest = path.read_text().partition(begin)
+    _, closed, after = rest.partition(end)
+    if not found or not closed:
+        raise ValueError(f"{path}: no marks {begin.strip()} ... {end}")
+    path.write_text(before + begin + text + end + after)
