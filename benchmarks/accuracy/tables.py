@@ -7,6 +7,12 @@ def number(value, digits):
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+def arrows(values):
+    """The three arms in one cell."""
+    texts = [number(value, 2) for value in values]
+    return "-" if set(texts) == {"-"} else " → ".join(texts)
+
+
 def markdown(header, rows):
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     lines += ["| " + " | ".join(map(str, row)) + " |" for row in rows]
@@ -30,9 +36,8 @@ def accuracy_table(results):
 
 
 def plane_table(results):
-    header = ["sequence", "masks", "true planes found", "normal off [deg]: SLAM", "BA without planes",
-              "planar BA", "parallel ones off [deg]: SLAM", "BA without planes", "planar BA",
-              "off the planes, RMS [sigma]: SLAM", "BA without planes", "planar BA"]
+    header = ["sequence", "masks", "true planes found", "normals off [deg]",
+              "parallel planes off [deg]", "points off their planes, RMS [sigma]"]
     rows = []
     for result in results:
         if not result.get("planar"):
@@ -40,9 +45,9 @@ def plane_table(results):
         arms = [result[arm]["plane_summary"] for arm in ("slam", "plain", "planar")]
         found = (f"{arms[2]['found']}/{arms[2]['due']}" if arms[2].get("due") else "-")
         rows.append([result["sequence"], result["masks"], found,
-                     *(number(a.get("normal_error_deg"), 2) for a in arms),
-                     *(number(a.get("parallel_off_deg"), 2) for a in arms),
-                     *(number(v, 2) for v in result["plane_rms_sigma"])])
+                     arrows(a["normal_error_deg"] for a in arms),
+                     arrows(a["parallel_off_deg"] for a in arms),
+                     arrows(result["plane_rms_sigma"])])
     return markdown(header, rows)
 
 
@@ -75,7 +80,7 @@ def report(results, baselines):
     text = "Trajectory error: RMSE of the positions after Sim(3) alignment, all localised frames.\n\n"
     text += accuracy_table(results)
     if any(result.get("planar") for result in results):
-        text += "\nPlanes: each arm fits its own map; medians over the true planes that all arms found.\n\n" + plane_table(results)
+        text += "\nPlanes: each arm fits its own map; medians over the true planes that all arms found.\nArms: SLAM → BA without planes → planar BA.\n\n" + plane_table(results)
     text += "\nCost: wall time and peak memory of each program.\n\n" + cost_table(results)
     if baselines:
         text += "\nOther systems on the same images.\n\n" + baseline_table(baselines)
