@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
+
+#include "s3lam/base/error.h"
 
 namespace s3lam {
 namespace {
@@ -69,6 +72,13 @@ FrameFeatures::FrameFeatures(std::vector<Keypoint> keypoints,
                              const Undistorter& undistorter)
     : keypoints_(std::move(keypoints)), descriptors_(std::move(descriptors)) {
   BuildGrid(undistorter);
+}
+
+int FrameFeatures::Add(const Keypoint& keypoint, const BinaryDescriptor& descriptor) {
+  S3LAM_CHECK(keypoints_.size() < std::numeric_limits<uint16_t>::max());
+  keypoints_.push_back(keypoint);
+  descriptors_.push_back(descriptor);
+  return size() - 1;
 }
 
 void FrameFeatures::Undistort(const Undistorter& undistorter) {

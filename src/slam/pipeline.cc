@@ -62,15 +62,25 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
     builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
   }
   if (!options.second_pass.patches.enabled) return;
+  const auto adjust = [&] {
+    const ScopedStep step(seconds, "global bundle adjustment");
+    builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
+  };
+  std::optional<PatchPass> pass;
   {
     const ScopedStep step(seconds, "aligning patches");
-    const PatchRefinement refinement =
-        RefineObservations(options.second_pass, options.features, undistorter, input.read_gray,
-                           input.concurrent_reads ? options.num_threads : 1, map);
+    pass.emplace(options.second_pass, options.features, undistorter, input.read_gray,
+                 input.concurrent_reads ? options.num_threads : 1, map);
+    const PatchRefinement refinement = pass->RefineObservations(map);
     spdlog::info("{} of {} observations aligned", refinement.num_refined, refinement.num_tried);
   }
-  const ScopedStep step(seconds, "global bundle adjustment");
-  builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
+  adjust();
+  if (!options.second_pass.extend_tracks) return;
+  {
+    const ScopedStep step(seconds, "extending tracks");
+    spdlog::info("{} observations found by patches", pass->ExtendTracks(map));
+  }
+  adjust();
 }
 
 /// Checks the lens distortion against the map; where it is refined, everything is undistorted and

@@ -16,35 +16,13 @@ size_t ReferenceOf(const Map& map, const MapPoint& point) {
   return 0;
 }
 
-/// Aligned places of one point's observations; empty entries did not align.
-using AlignedPixels = std::vector<std::optional<Eigen::Vector2d>>;
-
-AlignedPixels AlignPoint(const PatchRefiner& refiner, const Map& map, const MapPoint& point,
-                         const std::vector<ImagePyramid>& pyramids) {
-  const auto view_of = [&](const MapObservation& o) {
-    const Keypoint& keypoint = map.keypoint(o);
-    return PatchView{&pyramids[o.keyframe], map.keyframe(o.keyframe).cam_from_world,
-                     keypoint.pixel.cast<double>(), keypoint.level};
-  };
-  const size_t reference = ReferenceOf(map, point);
-  const PatchView reference_view = view_of(point.observations[reference]);
-  AlignedPixels aligned(point.observations.size());
-  for (size_t i = 0; i < aligned.size(); ++i) {
-    if (i == reference) continue;
-    aligned[i] = refiner.Align(reference_view, view_of(point.observations[i]), point.position,
-                               point.view_direction);
-  }
-  const bool any =
-      std::any_of(aligned.begin(), aligned.end(), [](auto& a) { return a.has_value(); });
-  if (any) aligned[reference] = reference_view.pixel;
-  return aligned;
-}
-
 }  // namespace
 
 void SecondPassOptions::Visit(OptionVisitor& v) {
   v.Value("rounds", rounds, "of matching all keyframes again", 0, 20);
   v.Value("neighbours", neighbours, "keyframes that each is matched with", 1, 10000);
+  v.Value("extend_tracks", extend_tracks,
+          "look for points, by their patches, where no keypoint was detected");
   v.Group("patches", patches, "alignment of observations to a fraction of a pixel");
 }
 
@@ -56,22 +34,48 @@ void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map
   }
 }
 
-PatchRefinement RefineObservations(const SecondPassOptions& options,
-                                   const FeatureOptions& feature_options,
-                                   const Undistorter& undistorter,
-                                   const std::function<cv::Mat(size_t)>& read_gray, int num_threads,
-                                   Map& map) {
-  std::vector<ImagePyramid> pyramids(static_cast<size_t>(map.num_keyframes()));
-  ParallelFor(pyramids.size(), num_threads, [&](size_t k) {
+PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& feature_options,
+                     const Undistorter& undistorter,
+                     const std::function<cv::Mat(size_t)>& read_gray, int num_threads,
+                     const Map& map)
+    : options_(options),
+      undistorter_(undistorter),
+      num_threads_(num_threads),
+      refiner_(options.patches, feature_options, undistorter),
+      pyramids_(static_cast<size_t>(map.num_keyframes())) {
+  ParallelFor(pyramids_.size(), num_threads, [&](size_t k) {
     const Keyframe& keyframe = map.keyframe(static_cast<int>(k));
     if (!keyframe.alive) return;
-    pyramids[k] = BuildPyramid(feature_options, read_gray(static_cast<size_t>(keyframe.frame)));
+    pyramids_[k] = BuildPyramid(feature_options, read_gray(static_cast<size_t>(keyframe.frame)));
   });
-  const PatchRefiner refiner(options.patches, feature_options, undistorter);
+}
+
+PatchView PatchPass::ViewOf(const Map& map, const MapObservation& o) const {
+  const Keypoint& keypoint = map.keypoint(o);
+  return {&pyramids_[o.keyframe], map.keyframe(o.keyframe).cam_from_world,
+          keypoint.pixel.cast<double>(), keypoint.level};
+}
+
+PatchPass::AlignedPixels PatchPass::AlignPoint(const Map& map, const MapPoint& point) const {
+  const size_t reference = ReferenceOf(map, point);
+  const PatchView reference_view = ViewOf(map, point.observations[reference]);
+  AlignedPixels aligned(point.observations.size());
+  for (size_t i = 0; i < aligned.size(); ++i) {
+    if (i == reference) continue;
+    aligned[i] = refiner_.Align(reference_view, ViewOf(map, point.observations[i]), point.position,
+                                point.view_direction);
+  }
+  const bool any =
+      std::any_of(aligned.begin(), aligned.end(), [](const auto& a) { return a.has_value(); });
+  if (any) aligned[reference] = reference_view.pixel;
+  return aligned;
+}
+
+PatchRefinement PatchPass::RefineObservations(Map& map) const {
   std::vector<AlignedPixels> aligned(static_cast<size_t>(map.num_points()));
-  ParallelFor(aligned.size(), num_threads, [&](size_t p) {
+  ParallelFor(aligned.size(), num_threads_, [&](size_t p) {
     const MapPoint& point = map.point(static_cast<int>(p));
-    if (point.alive) aligned[p] = AlignPoint(refiner, map, point, pyramids);
+    if (point.alive) aligned[p] = AlignPoint(map, point);
   });
   PatchRefinement refinement;
   for (int p = 0; p < map.num_points(); ++p) {
@@ -80,18 +84,76 @@ PatchRefinement RefineObservations(const SecondPassOptions& options,
     for (size_t i = 0; i < observations.size(); ++i) {
       ++refinement.num_tried;
       const auto& pixel = aligned[p][i];
-      const auto undistorted = pixel ? undistorter.Undistort(*pixel) : std::nullopt;
+      const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
       if (!undistorted) {
         map.RemoveObservation(p, observations[i].keyframe);
         continue;
       }
       const double level_sigma = map.sigma(map.keypoint(observations[i]).level);
       map.MoveKeypoint(observations[i], *pixel, *undistorted,
-                       options.patches.sigma_px * level_sigma);
+                       options_.patches.sigma_px * level_sigma);
       ++refinement.num_refined;
     }
   }
   return refinement;
+}
+
+std::vector<PatchPass::NewObservation> PatchPass::FindInNeighbours(
+    const Map& map, const MapPoint& point, const std::vector<std::vector<int>>& neighbours) const {
+  std::vector<NewObservation> found;
+  const MapObservation& reference = point.observations[ReferenceOf(map, point)];
+  const PatchView reference_view = ViewOf(map, reference);
+  for (const int keyframe : neighbours[reference.keyframe]) {
+    const bool seen = std::any_of(point.observations.begin(), point.observations.end(),
+                                  [&](const MapObservation& o) { return o.keyframe == keyframe; });
+    if (seen) continue;
+    const Rigid3& pose = map.keyframe(keyframe).cam_from_world;
+    const auto projection =
+        PredictProjection(map, point, {&map.features(keyframe), &undistorter_, pose});
+    if (!projection || projection->level >= static_cast<int>(pyramids_[keyframe].levels.size())) {
+      continue;
+    }
+    const auto start = undistorter_.camera().ImageFromCamera(pose * point.position);
+    if (!start) continue;
+    const PatchView target{&pyramids_[keyframe], pose, *start, projection->level};
+    const auto pixel = refiner_.Align(reference_view, target, point.position, point.view_direction);
+    const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
+    if (!undistorted) continue;
+    Keypoint keypoint;
+    keypoint.pixel = pixel->cast<float>();
+    keypoint.undistorted = undistorted->cast<float>();
+    keypoint.level = static_cast<uint8_t>(projection->level);
+    keypoint.sigma = static_cast<float>(options_.patches.sigma_px * map.sigma(projection->level));
+    found.push_back({keyframe, keypoint});
+  }
+  return found;
+}
+
+int PatchPass::ExtendTracks(Map& map) const {
+  std::vector<std::vector<int>> neighbours(static_cast<size_t>(map.num_keyframes()));
+  ParallelFor(neighbours.size(), num_threads_, [&](size_t k) {
+    if (!map.keyframe(static_cast<int>(k)).alive) return;
+    for (const auto& [shared, other] : map.Covisible(static_cast<int>(k))) {
+      if (static_cast<int>(neighbours[k].size()) == options_.neighbours) break;
+      neighbours[k].push_back(other);
+    }
+  });
+  std::vector<std::vector<NewObservation>> found(static_cast<size_t>(map.num_points()));
+  ParallelFor(found.size(), num_threads_, [&](size_t p) {
+    const MapPoint& point = map.point(static_cast<int>(p));
+    if (point.alive) found[p] = FindInNeighbours(map, point, neighbours);
+  });
+  int count = 0;
+  for (int p = 0; p < map.num_points(); ++p) {
+    for (const NewObservation& o : found[p]) {
+      const int keypoint = map.AddKeypoint(o.keyframe, o.keypoint, map.point(p).descriptor);
+      count += map.AddObservation(p, {o.keyframe, keypoint});
+    }
+  }
+  for (int k = 0; k < map.num_keyframes(); ++k) {
+    if (map.keyframe(k).alive) map.BuildGrid(k, undistorter_);
+  }
+  return count;
 }
 
 }  // namespace s3lam

@@ -85,6 +85,9 @@ class FrameFeatures {
   [[nodiscard]] int size() const { return static_cast<int>(keypoints_.size()); }
   [[nodiscard]] const Keypoint& keypoint(int i) const { return keypoints_[i]; }
   [[nodiscard]] const BinaryDescriptor& descriptor(int i) const { return descriptors_[i]; }
+  /// Appends a keypoint and returns its index; BuildGrid makes it visible to VisitNear.
+  int Add(const Keypoint& keypoint, const BinaryDescriptor& descriptor);
+  void BuildGrid(const Undistorter& undistorter);
   /// Undistorts all keypoints anew, for a camera that was refined.
   void Undistort(const Undistorter& undistorter);
   /// Corrects a keypoint's place by a fraction of a pixel (the grid stays as it is).
@@ -100,7 +103,6 @@ class FrameFeatures {
   static constexpr int kColumns = 64;
   static constexpr int kRows = 48;
 
-  void BuildGrid(const Undistorter& undistorter);
   [[nodiscard]] int Column(double x) const;
   [[nodiscard]] int Row(double y) const;
 

@@ -86,6 +86,16 @@ class Map {
     frames_[keyframes_[o.keyframe].frame].Move(o.keypoint, pixel, undistorted, sigma);
   }
 
+  /// A keypoint that was not detected, but found by its point's patch.
+  int AddKeypoint(int keyframe, const Keypoint& keypoint, const BinaryDescriptor& descriptor) {
+    keyframes_[keyframe].point_of_keypoint.push_back(kNoIndex);
+    return frames_[keyframes_[keyframe].frame].Add(keypoint, descriptor);
+  }
+  /// To be called after the last AddKeypoint.
+  void BuildGrid(int keyframe, const Undistorter& undistorter) {
+    frames_[keyframes_[keyframe].frame].BuildGrid(undistorter);
+  }
+
   int AddKeyframe(int frame, const Rigid3& cam_from_world);
   /// A point without observations yet.
   int AddPoint(const Eigen::Vector3d& position, int first_keyframe);

@@ -10,7 +10,8 @@ namespace s3lam {
 
 struct SecondPassOptions {
   int rounds = 1;
-  int neighbours = 30;
+  int neighbours = 20;
+  bool extend_tracks = true;
   PatchRefinerOptions patches;
 
   void Visit(OptionVisitor& v);
@@ -20,13 +21,40 @@ struct SecondPassOptions {
 /// again, both ways, points that are the same merged, and what is still free triangulated.
 void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map);
 
-/// Aligns every observation of a point with the one that looks most like the others; aligned ones
-/// move and get their smaller sigma, observations that do not align are removed. `read_gray` gives
-/// a frame's image.
-PatchRefinement RefineObservations(const SecondPassOptions& options,
-                                   const FeatureOptions& feature_options,
-                                   const Undistorter& undistorter,
-                                   const std::function<cv::Mat(size_t)>& read_gray, int num_threads,
-                                   Map& map);
+/// Works on the images of the keyframes, which it holds in memory: a pyramid each.
+class PatchPass {
+ public:
+  /// `read_gray` gives a frame's image.
+  PatchPass(const SecondPassOptions& options, const FeatureOptions& feature_options,
+            const Undistorter& undistorter, const std::function<cv::Mat(size_t)>& read_gray,
+            int num_threads, const Map& map);
+
+  /// Aligns every observation of a point with the one that looks most like the others; aligned ones
+  /// move and get their smaller sigma, observations that do not align are removed.
+  PatchRefinement RefineObservations(Map& map) const;
+
+  /// Looks for every point, by its patch, in the neighbouring keyframes that should see it and have
+  /// no keypoint for it; returns the number of observations found.
+  int ExtendTracks(Map& map) const;
+
+ private:
+  /// Aligned places of one point's observations; empty entries did not align.
+  using AlignedPixels = std::vector<std::optional<Eigen::Vector2d>>;
+  struct NewObservation {
+    int keyframe = kNoIndex;
+    Keypoint keypoint;
+  };
+
+  [[nodiscard]] PatchView ViewOf(const Map& map, const MapObservation& o) const;
+  [[nodiscard]] AlignedPixels AlignPoint(const Map& map, const MapPoint& point) const;
+  [[nodiscard]] std::vector<NewObservation> FindInNeighbours(
+      const Map& map, const MapPoint& point, const std::vector<std::vector<int>>& neighbours) const;
+
+  const SecondPassOptions& options_;
+  const Undistorter& undistorter_;
+  int num_threads_;
+  PatchRefiner refiner_;
+  std::vector<ImagePyramid> pyramids_;  // By keyframe.
+};
 
 }  // namespace s3lam
