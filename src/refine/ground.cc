@@ -243,7 +243,9 @@ class GroundBuilder {
     }
     const ClusterId cluster_id = LargestCluster();
     uint32_t next_id = 0;
-    for (const auto& [id, surface] : semantics_.planes) next_id = id.value() + 1;
+    for (const PlaneState& plane : model_.planes) {
+      next_id = std::max(next_id, plane.id.value() + 1);
+    }
     int previous = -1;
     for (size_t s = 0; s < stretches_.size(); ++s) {
       const Stretch& stretch = stretches_[s];

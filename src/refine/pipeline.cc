@@ -98,6 +98,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("solver", solver, "The bundle adjustment.");
   v.Group("outliers", outliers, "Observations that are left out.");
   v.Group("planes", planes, "Planes and the points on them.");
+  v.Group("bending", bending, "Surfaces that bend: cut into pieces.");
   v.Group("relations", relations, "Planes that are parallel, orthogonal or coplanar.");
   v.Group("camera_height", camera_height, "The camera keeps its height above the ground.");
   v.Group("outer", outer, "Rounds of solving and choosing inliers.");
@@ -115,6 +116,7 @@ Report Run(const Options& options, const Input& input, Output& output) {
     map.problem.gauge = ChooseGauge(map.problem);
     CheckUsable(map);
     planes = BuildPlaneModel(options.planes.membership, input.semantics, map);
+    CutBendingPlanes(options.bending, input.semantics.class_table, sigma_px, planes, map.problem);
   }
   std::vector<ArmState> arms{Snapshot("input", map)};
   const double held_distance = HeldDistance(map.problem);

@@ -276,6 +276,41 @@ void EstimateKappa(double min_kappa, double sigma_px, const BundleProblem& probl
   for (PlaneState& plane : model.planes) plane.kappa = model.kappa_of_class[plane.class_index];
 }
 
+/// Learns from the best third of each plane's candidates how many are wrong and how far off those
+/// lie. If they are many, a point must be certain enough to be seen off the plane at that distance.
+void LimitUncertainty(const PlaneOptions& options, double sigma_px, const BundleProblem& problem,
+                      PlaneModel& model) {
+  constexpr double kManyWrong = 0.1;
+  struct Candidate {
+    double ratio, distance, innovation;
+  };
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    PlaneState& state = model.planes[k];
+    std::vector<Candidate> best;
+    for (const int i : state.candidates) {
+      if (!(model.pixel_size[i] > 0.0)) continue;
+      const double sigma = PlaneSigma(options.sigma, model, sigma_px, state, i);
+      const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
+      const double distance = std::abs(Distance(problem, static_cast<int>(k), i));
+      best.push_back(
+          {variance / (sigma * sigma), distance, Innovation(distance, variance, sigma, false)});
+    }
+    std::stable_sort(best.begin(), best.end(),
+                     [](const Candidate& a, const Candidate& b) { return a.ratio < b.ratio; });
+    best.resize((best.size() + 2) / 3);
+    std::vector<double> wrong;
+    for (const Candidate& candidate : best) {
+      if (candidate.innovation > options.membership.max_sigma) wrong.push_back(candidate.distance);
+    }
+    if (static_cast<double>(wrong.size()) <= kManyWrong * static_cast<double>(best.size())) {
+      continue;
+    }
+    const auto middle = wrong.begin() + static_cast<std::ptrdiff_t>(wrong.size() / 2);
+    std::nth_element(wrong.begin(), middle, wrong.end());
+    state.max_uncertainty = *middle / options.membership.max_sigma;
+  }
+}
+
 /// Members are the candidates within `gate` sigmas, none of them being pulled by the plane yet.
 void GateMembers(const PlaneSigmaOptions& options, double sigma_px, double gate,
                  const BundleProblem& problem, PlaneModel& model) {
@@ -305,6 +340,7 @@ void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& 
     RefitPlanes(options.sigma, sigma_px, false, model, problem);
     GateMembers(options.sigma, sigma_px, kKappaGate, problem, model);
   }
+  LimitUncertainty(options, sigma_px, problem, model);
   for (PlaneState& plane : model.planes) plane.members.clear();
 }
 
@@ -322,14 +358,15 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
     for (const int i : state.candidates) {
       const bool was_member = std::binary_search(state.members.begin(), state.members.end(), i);
       bool is_member = false;
+      const double sigma_i = PlaneSigma(sigma, model, sigma_px, state, i);
+      const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
       if (stays) {
         is_member = was_member && model.pixel_size[i] > 0.0;
       } else if (model.pixel_size[i] > 0.0) {
-        const int plane = static_cast<int>(k);
         const double innovation =
-            Innovation(Distance(problem, plane, i), NormalVariance(model, problem, plane, i),
-                       PlaneSigma(sigma, model, sigma_px, state, i), was_member);
-        is_member = innovation <= options.max_sigma;
+            Innovation(Distance(problem, static_cast<int>(k), i), variance, sigma_i, was_member);
+        is_member = innovation <= options.max_sigma &&
+                    std::sqrt(variance + sigma_i * sigma_i) <= state.max_uncertainty;
         counts.outliers += !is_member;
         if (innovation > options.leave_sigma) {
           ++counts.expelled;

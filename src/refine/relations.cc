@@ -61,7 +61,8 @@ class Proposer {
   [[nodiscard]] Evidence EvidenceOf(size_t k) const {
     Evidence evidence;
     const PlaneState& state = model_.planes[k];
-    if (!state.in_use || state.is_ground || state.members.empty()) return evidence;
+    if (!state.in_use || state.is_ground || state.is_piece || state.members.empty())
+      return evidence;
     std::vector<UncertainPoint> points;
     std::vector<size_t> all;
     std::vector<double> sigmas;

@@ -190,6 +190,83 @@ TEST(Refine, FramesFollowTheKeyframes) {
   }
 }
 
+// ---- camera height, bending ground, relations ----
+
+/// A drive whose scale drifts slowly: each image sees only its neighbours' points.
+SyntheticMap MakeDrive() {
+  SyntheticMapOptions options;
+  options.num_images = 40;
+  options.num_points = 2000;
+  options.max_track_window = 2;
+  options.pixel_sigma = 1.5;
+  options.drift_scale = 0.01;
+  return MakeSyntheticMap("street", 1, options);
+}
+
+TEST(RefineCameraHeight, IsFoundAndMadeConstant) {
+  const SyntheticMap map = MakeDrive();
+  Output output;
+  const Report report = refine::Run(Options(), InputOf(map), output);
+  ASSERT_TRUE(report.ground.in_use) << report.ground.reason;
+  EXPECT_GT(report.ground.num_planes, 2u);
+  EXPECT_LT(report.ground.spread_after, 0.01);
+  Output plain;
+  refine::Run(WithMode(PlaneMode::kOff), InputOf(map), plain);
+  EXPECT_LT(Ate(output.model, map.truth), Ate(plain.model, map.truth));
+}
+
+TEST(RefineCameraHeight, SwitchedOffOrWithoutItsClassItIsNotUsed) {
+  const SyntheticMap map = MakeDrive();
+  for (const char* assignment : {"camera_height.mode=off", "camera_height.class=no such class"}) {
+    Options options;
+    SetOption(assignment, options);
+    Output output;
+    EXPECT_FALSE(refine::Run(options, InputOf(map), output).ground.in_use) << assignment;
+  }
+}
+
+TEST(RefineCameraHeight, AHandHeldCameraOverATableIsNotAVehicle) {
+  const SyntheticMap map = MakeMap();
+  Options options;
+  options.camera_height.ground_class = "dining table";
+  Output output;
+  const Report report = refine::Run(options, InputOf(map), output);
+  EXPECT_FALSE(report.ground.in_use);
+  EXPECT_FALSE(report.ground.reason.empty());
+}
+
+TEST(RefineBending, LongSurfacesOfBendingClassesAreCut) {
+  const SyntheticMap map = MakeDrive();
+  Options options;
+  options.camera_height.mode = CameraHeightMode::kOff;
+  Output cut;
+  const Report report = refine::Run(options, InputOf(map), cut);
+  options.bending.classes.clear();
+  Output whole;
+  const Report whole_report = refine::Run(options, InputOf(map), whole);
+  EXPECT_EQ(whole_report.planes.size(), map.semantics.planes.size());
+  EXPECT_GT(report.planes.size(), whole_report.planes.size());
+}
+
+TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
+  const SyntheticMap map = MakeMap();
+  Options options;
+  Output with;
+  const Report report = refine::Run(options, InputOf(map), with);
+  size_t enforced = 0;
+  for (const PlanePairReport& pair : report.pairs) {
+    if (!pair.enforced) continue;
+    ++enforced;
+    EXPECT_LT(pair.deviation_deg.back(), std::max(1.0, pair.deviation_deg.front()));
+  }
+  EXPECT_GT(enforced, 0u);
+  options.relations.enabled = false;
+  Output without;
+  for (const PlanePairReport& pair : refine::Run(options, InputOf(map), without).pairs) {
+    EXPECT_FALSE(pair.enforced);
+  }
+}
+
 // ---- degenerate input: a clear error or a sound result ----
 
 TEST(RefineBadInput, NoImagesOrNoPointsOrOneImage) {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "s3lam/base/options.h"
+#include "s3lam/refine/bending_planes.h"
 #include "s3lam/refine/bundle_solver.h"
 #include "s3lam/refine/ground.h"
 #include "s3lam/refine/plane_model.h"
@@ -32,6 +33,7 @@ struct OuterLoopSettings {
   BundleSolverOptions solver;
   OutlierOptions outliers;
   PlaneOptions planes;
+  BendingOptions bending;
   RelationOptions relations;
   CameraHeightOptions camera_height;
   OuterLoopOptions outer;

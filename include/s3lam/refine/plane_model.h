@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -19,7 +20,7 @@ enum class PlaneSigmaKind {
 
 struct PlaneSigmaOptions {
   PlaneSigmaKind kind = PlaneSigmaKind::kPixel;
-  double min_kappa = 0.5;
+  double min_kappa = 1.0;
   double alpha = 0.01;
   double metres = 0.01;
   double metres_per_unit = 1.0;
@@ -61,7 +62,10 @@ struct PlaneState {
   std::vector<int> candidates;  // Ascending: inliers handed over, and its cluster's points nearby.
   std::vector<int> members;     // Ascending: points with a term at present.
   double kappa = 0.0;
+  /// Points less certain than this [map units] cannot be told from the plane's wrong candidates.
+  double max_uncertainty = std::numeric_limits<double>::infinity();
   bool is_ground = false;  // A stretch of the ground under the cameras' path.
+  bool is_piece = false;   // One of several of a surface that bends.
   bool in_use = true;      // False once it has too few members.
 };
 
