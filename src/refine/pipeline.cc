@@ -68,6 +68,31 @@ void CarryTrajectories(const Input& input, const BundleMap& map, Output& output)
   }
 }
 
+void ScaleTrajectory(double scale, Trajectory& trajectory) {
+  for (TimedPose& pose : trajectory) pose.world_from_camera.translation *= scale;
+}
+
+/// Everything in the output in metres, by the known height of the camera.
+void MakeMetric(double metres_per_unit, Output& output) {
+  const Similarity3 scaling{metres_per_unit, Eigen::Quaterniond::Identity(),
+                            Eigen::Vector3d::Zero()};
+  TransformReconstruction(scaling, output.model);
+  for (auto& [id, cluster] : output.semantics.clusters)
+    cluster.centroid_in_world *= metres_per_unit;
+  for (auto& [id, surface] : output.semantics.planes) {
+    surface.plane_in_world = TransformPlane(scaling, surface.plane_in_world);
+    surface.centroid_in_world *= metres_per_unit;
+    for (Eigen::Vector2d& corner : surface.extent) corner *= metres_per_unit;
+    surface.rms *= metres_per_unit;
+    // Two rotations [rad] and a shift [map units].
+    surface.covariance.row(2) *= metres_per_unit;
+    surface.covariance.col(2) *= metres_per_unit;
+  }
+  output.semantics.model_fingerprint = FingerprintOfModel(output.model);
+  ScaleTrajectory(metres_per_unit, output.keyframes);
+  ScaleTrajectory(metres_per_unit, output.frames);
+}
+
 double HeldDistance(const BundleProblem& problem) {
   return (FromPoseBlock(problem.poses[problem.gauge.scale_pose].data()).CenterInB() -
           FromPoseBlock(problem.poses[problem.gauge.fixed_pose].data()).CenterInB())
@@ -146,6 +171,10 @@ Report Run(const Options& options, const Input& input, Output& output) {
   output.semantics =
       RefinedSemantics(input.semantics, planes, map, output.model, options.planes.sigma, sigma_px);
   CarryTrajectories(input, map, output);
+  if (report.ground.in_use && options.camera_height.value > 0.0) {
+    report.metres_per_unit = options.camera_height.value / report.ground.height;
+    MakeMetric(report.metres_per_unit, output);
+  }
   report.peak_memory_mib = PeakMemoryMiB();
   return report;
 }

@@ -114,6 +114,7 @@ json ToJson(const RefineReport& report) {
           {"plane_mode", report.plane_mode},
           {"note", report.note},
           {"median_depth", report.median_depth},
+          {"metres_per_unit", report.metres_per_unit},
           {"gauge_scale_change", report.gauge_scale_change},
           {"camera_height",
            {{"in_use", report.ground.in_use},

@@ -215,6 +215,24 @@ TEST(RefineCameraHeight, IsFoundAndMadeConstant) {
   EXPECT_LT(Ate(output.model, map.truth), Ate(plain.model, map.truth));
 }
 
+TEST(RefineCameraHeight, AKnownHeightMakesTheOutputMetric) {
+  const SyntheticMap map = MakeDrive();
+  Options options;
+  Output free;
+  const Report report = refine::Run(options, InputOf(map), free);
+  options.camera_height.value = 3.0 * report.ground.height;
+  Output metric;
+  EXPECT_NEAR(refine::Run(options, InputOf(map), metric).metres_per_unit, 3.0, 1e-9);
+  const auto a = Centers(free.model, map.truth);
+  const auto b = Centers(metric.model, map.truth);
+  for (size_t i = 0; i < a.size(); ++i) EXPECT_LT((3.0 * a[i] - b[i]).norm(), 1e-9);
+  CheckSemanticMap(metric.semantics, metric.model, "metric");
+  for (const auto& [id, plane] : metric.semantics.planes) {
+    const double distance = free.semantics.planes.at(id).plane_in_world.SignedDistance(a[0]);
+    EXPECT_NEAR(plane.plane_in_world.SignedDistance(b[0]), 3.0 * distance, 1e-7);
+  }
+}
+
 TEST(RefineCameraHeight, SwitchedOffOrWithoutItsClassItIsNotUsed) {
   const SyntheticMap map = MakeDrive();
   for (const char* assignment : {"camera_height.mode=off", "camera_height.class=no such class"}) {

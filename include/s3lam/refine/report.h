@@ -50,6 +50,7 @@ struct RefineReport {
   std::string plane_mode;
   std::string note;  // Why it is plain bundle adjustment, if it is one although planes were wanted.
   double median_depth = 0.0;        // [map units]
+  double metres_per_unit = 0.0;     // If the camera's height is known: the output is in metres.
   double gauge_scale_change = 0.0;  // Of the held distance, relative: zero if the gauge held.
   GroundReport ground;
   std::vector<ArmReport> arms;
