@@ -61,7 +61,7 @@ OutputDirectory::OutputDirectory(fs::path target, bool overwrite)
     ThrowInputError("{}: cannot create: {}", ParentOf(target_).string(), error.message());
   }
   std::string name =
-      (ParentOf(target_) / ("." + target_.filename().string() + ".tmp-XXXXXX")).string();
+      fmt::format("{}/.{}.tmp-XXXXXX", ParentOf(target_).string(), target_.filename().string());
   if (mkdtemp(name.data()) == nullptr) {
     ThrowInputError("{}: cannot write here: {}", ParentOf(target_).string(), std::strerror(errno));
   }
