@@ -15,8 +15,8 @@ namespace {
 
 constexpr std::array<std::string_view, 4> kLinearSolverNames{"auto", "dense", "sparse",
                                                              "iterative"};
-/// Rows of the reduced system up to which a dense factorisation is the fastest, and from which the
-/// sparse factor's fill makes iterating cheaper (measured, see benchmarks/runtime).
+/// Rows of the reduced system up to which it is factored densely, and from which it is solved by
+/// iteration: orders of magnitude from the cost of dense algebra, not measured on large maps.
 constexpr int kMaxDenseRows = 2000;
 constexpr int kMaxSparseRows = 60000;
 /// Little damping: the gauge is held, and a map's weak modes (bend, drift of scale) need long
