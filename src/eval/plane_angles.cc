@@ -120,7 +120,8 @@ std::string ToTable(std::span<const PlaneAnglePair> pairs) {
     return fmt::format("{:<22}{:>6} pairs, min {:.3f}, median {:.3f}, max {:.3f} deg\n", name,
                        deviation.count, deviation.min_deg, deviation.median_deg, deviation.max_deg);
   };
-  table += "\n" + row("from parallel", summary.from_parallel);
+  table += "\n";
+  table += row("from parallel", summary.from_parallel);
   table += row("from orthogonal", summary.from_orthogonal);
   return table;
 }
