@@ -246,16 +246,12 @@ class Solver {
     const Eigen::Vector3d x = rotated + problem_.poses[o.pose].translation;
     equations_.pose_point[k].setZero();
     if (x.z() <= kMinDepth) return;
-    const double inverse_z = 1.0 / x.z();
     Eigen::Vector2d residual = o.inverse_sigma * (camera.Project(x) - o.xy);
     const double norm = residual.norm();
     const double weight = norm > options_.huber_sigma ? options_.huber_sigma / norm : 1.0;
     const double scale = o.inverse_sigma * std::sqrt(weight);
     residual *= std::sqrt(weight);
-    Matrix2x3 projection;
-    projection << camera.fx * inverse_z, 0.0, -camera.fx * x.x() * inverse_z * inverse_z, 0.0,
-        camera.fy * inverse_z, -camera.fy * x.y() * inverse_z * inverse_z;
-    projection *= scale;
+    const Matrix2x3 projection = scale * camera.ProjectionJacobian(x);
     const Matrix2x3 by_point = projection * rotation;
     point_hessian.noalias() += by_point.transpose() * by_point;
     point_gradient.noalias() += by_point.transpose() * residual;

@@ -33,11 +33,7 @@ Normal Linearize(const PinholeIntrinsics& camera, const std::vector<PoseObservat
     const Eigen::Vector2d residual = o.inverse_sigma * (camera.Project(x) - o.xy);
     const double norm = residual.norm();
     const double weight = robust && norm > kHuber ? kHuber / norm : 1.0;
-    const double inverse_z = 1.0 / x.z();
-    Eigen::Matrix<double, 2, 3> projection;
-    projection << camera.fx * inverse_z, 0.0, -camera.fx * x.x() * inverse_z * inverse_z, 0.0,
-        camera.fy * inverse_z, -camera.fy * x.y() * inverse_z * inverse_z;
-    projection *= o.inverse_sigma;
+    const Eigen::Matrix<double, 2, 3> projection = o.inverse_sigma * camera.ProjectionJacobian(x);
     Eigen::Matrix<double, 2, 6> jacobian;
     jacobian.leftCols<3>().noalias() = -projection * CrossMatrix(rotated);
     jacobian.rightCols<3>() = projection;

@@ -11,16 +11,6 @@ namespace s3lam {
 Map::Map(std::vector<FrameFeatures>& frames, const FeatureOptions& options)
     : frames_(frames), level_sigmas_(LevelSigmas(options)) {}
 
-int Map::CountAliveKeyframes() const {
-  return static_cast<int>(std::count_if(keyframes_.begin(), keyframes_.end(),
-                                        [](const Keyframe& k) { return k.alive; }));
-}
-
-int Map::CountAlivePoints() const {
-  return static_cast<int>(
-      std::count_if(points_.begin(), points_.end(), [](const MapPoint& p) { return p.alive; }));
-}
-
 int Map::AddKeyframe(int frame, const Rigid3& cam_from_world) {
   Keyframe keyframe;
   keyframe.frame = frame;
@@ -190,17 +180,6 @@ double Map::MedianDepth(int keyframe) const {
   const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
   std::nth_element(depths.begin(), middle, depths.end());
   return *middle;
-}
-
-void Map::Rescale(double factor) {
-  for (Keyframe& keyframe : keyframes_) {
-    keyframe.cam_from_world.translation *= factor;
-    keyframe.cam_from_anchor.translation *= factor;
-  }
-  for (MapPoint& point : points_) {
-    point.position *= factor;
-    point.level0_distance *= factor;
-  }
 }
 
 }  // namespace s3lam

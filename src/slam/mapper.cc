@@ -390,19 +390,4 @@ void Mapper::AdjustGlobally(Map& map, int rounds, int num_threads) const {
   }
 }
 
-double MapRms(const Map& map, const PinholeIntrinsics& camera) {
-  double sum = 0.0;
-  size_t count = 0;
-  for (int p = 0; p < map.num_points(); ++p) {
-    if (!map.point(p).alive) continue;
-    for (const MapObservation& o : map.point(p).observations) {
-      const Keypoint& keypoint = map.keypoint(o);
-      sum += SquaredError(camera, map.keyframe(o.keyframe).cam_from_world, map.point(p).position,
-                          keypoint.undistorted.cast<double>(), 1.0 / keypoint.sigma);
-      ++count;
-    }
-  }
-  return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : 0.0;
-}
-
 }  // namespace s3lam

@@ -20,6 +20,14 @@ struct PinholeIntrinsics {
   [[nodiscard]] Eigen::Vector2d Project(const Eigen::Vector3d& x) const {
     return {fx * x.x() / x.z() + cx, fy * x.y() / x.z() + cy};
   }
+  /// Derivative of Project.
+  [[nodiscard]] Eigen::Matrix<double, 2, 3> ProjectionJacobian(const Eigen::Vector3d& x) const {
+    const double inverse_z = 1.0 / x.z();
+    Eigen::Matrix<double, 2, 3> jacobian;
+    jacobian << fx * inverse_z, 0.0, -fx * x.x() * inverse_z * inverse_z, 0.0, fy * inverse_z,
+        -fy * x.y() * inverse_z * inverse_z;
+    return jacobian;
+  }
   /// Normalised coordinates of a pixel.
   [[nodiscard]] Eigen::Vector2d Normalize(const Eigen::Vector2d& xy) const {
     return {(xy.x() - cx) / fx, (xy.y() - cy) / fy};

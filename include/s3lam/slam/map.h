@@ -66,8 +66,6 @@ class Map {
   }
   [[nodiscard]] int num_levels() const { return static_cast<int>(level_sigmas_.size()); }
   [[nodiscard]] double sigma(int level) const { return level_sigmas_[level]; }
-  [[nodiscard]] int CountAliveKeyframes() const;
-  [[nodiscard]] int CountAlivePoints() const;
 
   void SetPose(int keyframe, const Rigid3& cam_from_world) {
     keyframes_[keyframe].cam_from_world = cam_from_world;
@@ -124,8 +122,6 @@ class Map {
   [[nodiscard]] int CountPoints(int keyframe, int min_observations) const;
   /// Median depth of a keyframe's points; 0 without any.
   [[nodiscard]] double MedianDepth(int keyframe) const;
-  /// Scales the world, cameras included.
-  void Rescale(double factor);
 
  private:
   std::vector<FrameFeatures>& frames_;

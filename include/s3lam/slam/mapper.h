@@ -57,7 +57,4 @@ class Mapper {
   std::vector<int> recent_points_;
 };
 
-/// Root mean square reprojection error over all observations of a map, in sigma.
-double MapRms(const Map& map, const PinholeIntrinsics& camera);
-
 }  // namespace s3lam
