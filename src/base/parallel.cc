@@ -23,13 +23,17 @@ void ParallelFor(size_t count, int num_threads, const std::function<void(size_t)
   std::atomic<size_t> next{0};
   std::mutex error_mutex;
   std::exception_ptr error;
+  size_t error_item = count;
   const auto work = [&] {
     for (size_t i = next++; i < count; i = next++) {
       try {
         body(i);
       } catch (...) {
         const std::lock_guard lock(error_mutex);
-        if (!error) error = std::current_exception();
+        if (i < error_item) {
+          error_item = i;
+          error = std::current_exception();
+        }
         next = count;
       }
     }

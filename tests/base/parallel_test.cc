@@ -4,6 +4,8 @@
 
 #include <atomic>
 #include <stdexcept>
+#include <string>
+#include <thread>
 #include <vector>
 
 namespace s3lam {
@@ -43,6 +45,22 @@ TEST(ParallelFor, RethrowsAndStops) {
 TEST(ParallelFor, SurvivesExceptionsOnAllThreads) {
   EXPECT_THROW(ParallelFor(64, 4, [](size_t) { throw std::logic_error("each"); }),
                std::logic_error);
+}
+
+TEST(ParallelFor, RethrowsWhatASingleThreadWouldMeetFirst) {
+  // Item 0 fails last: whatever the others report before must not win.
+  std::atomic<int> failed = 0;
+  const auto body = [&](size_t i) {
+    while (i == 0 && failed == 0) std::this_thread::yield();
+    ++failed;
+    throw std::runtime_error(std::to_string(i));
+  };
+  try {
+    ParallelFor(64, 4, body);
+    FAIL() << "nothing thrown";
+  } catch (const std::runtime_error& error) {
+    EXPECT_STREQ(error.what(), "0");
+  }
 }
 
 TEST(ResolveThreads, TakesWhatIsAskedOrAllThereAre) {
