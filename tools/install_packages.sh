@@ -10,6 +10,7 @@ set -euo pipefail
 
 packages=(
   g++ cmake ninja-build python3
+  python3-numpy          # the second opinion on trajectory errors, in a test
   libceres-dev           # bundle adjustment
   libopenblas-dev        # makes Ceres' dense solver several times faster than the reference BLAS
   libopencv-dev          # features, images; its CMake files exist only in this whole package

@@ -1,13 +1,20 @@
 #include <fmt/format.h>
 
 #include <boost/program_options.hpp>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <ostream>
 
 #include "common/program.h"
 #include "s3lam/base/error.h"
+#include "s3lam/eval/cloud_metrics.h"
+#include "s3lam/eval/model_difference.h"
 #include "s3lam/eval/plane_angles.h"
+#include "s3lam/eval/plane_errors.h"
 #include "s3lam/eval/trajectory_error.h"
+#include "s3lam/io/colmap_model.h"
 #include "s3lam/io/file.h"
+#include "s3lam/io/semantic_map_io.h"
 #include "s3lam/io/trajectory.h"
 
 namespace s3lam::tools {
@@ -16,20 +23,56 @@ namespace {
 namespace po = boost::program_options;
 
 constexpr const char* kDescription =
-    "Compares a trajectory with the ground truth, and planes with one another.\n\n"
-    "Reads   --estimate and --ground-truth: TUM (time tx ty tz qx qy qz qw) or KITTI (3x4\n"
-    "        matrices), world_from_camera; --planes: semantics.json or planes.json.\n"
-    "Writes  to standard output: absolute trajectory error (ATE) after alignment, relative pose\n"
-    "        error (RPE) over consecutive poses, angles between planes. Lengths are in the ground\n"
-    "        truth's unit.";
+    "Measures trajectories, planes and maps.\n\n"
+    "--estimate, --ground-truth   absolute trajectory error (ATE) after alignment, in the axes of\n"
+    "        the world and of the camera, along and across the way; relative pose error (RPE) of\n"
+    "        consecutive poses, per length, and over KITTI's segments.\n"
+    "--planes                     angles between the planes of semantics.json or planes.json.\n"
+    "--model, --semantics         how flat the points of each labelled plane lie.\n"
+    "--known-planes               planes (of --planes, or else those that fit the points of\n"
+    "        --model and --semantics best) against known ones, in the alignment of the "
+    "trajectory.\n"
+    "--model, --other-model       camera poses of two COLMAP models of the same images.\n\n"
+    "Trajectories are TUM (time tx ty tz qx qy qz qw) or KITTI (3x4 matrices) files,\n"
+    "world_from_camera. Lengths are in the ground truth's unit. Prints a table, or JSON.";
+
+struct EvalOptions {
+  TrajectoryErrorOptions trajectory;
+  PlaneErrorOptions planes;
+
+  void Visit(OptionVisitor& v) {
+    trajectory.Visit(v);
+    v.Group("planes", planes, "Fitted against known planes");
+  }
+};
 
 struct Result {
   std::string table;
   nlohmann::json json = nlohmann::json::object();
+
+  void Add(const char* name, const std::string& text, nlohmann::json value) {
+    if (!table.empty()) table += "\n";
+    table += text;
+    json[name] = std::move(value);
+  }
 };
 
-void CompareFiles(const std::string& estimate_file, const std::string& ground_truth_file,
-                  const TrajectoryErrorOptions& options, Result& result) {
+/// One line per pose, for plots.
+void WritePoses(const po::variables_map& arguments, const std::vector<PoseError>& poses,
+                const std::vector<std::string>& names = {}) {
+  if (arguments.count("per-pose") == 0) return;
+  const std::filesystem::path path = Required(arguments, "per-pose");
+  if (path.extension() == ".json") {
+    WriteJson(path, ToJson(poses, names));
+  } else {
+    WriteFile(path, [&](std::ostream& stream) { stream << ToCsv(poses, names); });
+  }
+}
+
+TrajectoryErrors MeasureTrajectory(const po::variables_map& arguments,
+                                   const TrajectoryErrorOptions& options, Result& result) {
+  const std::string estimate_file = Required(arguments, "estimate");
+  const std::string ground_truth_file = Required(arguments, "ground-truth");
   const Trajectory estimate = ReadTrajectory(estimate_file);
   const Trajectory ground_truth = ReadTrajectory(ground_truth_file);
   const auto errors = CompareTrajectories(estimate, ground_truth, options);
@@ -40,50 +83,139 @@ void CompareFiles(const std::string& estimate_file, const std::string& ground_tr
         "lie on one line",
         estimate_file, ground_truth_file, num_pairs, estimate.size(), options.max_dt_s);
   }
-  result.table += ToTable(*errors);
-  result.json["trajectory"] = ToJson(*errors);
+  result.Add("trajectory", ToTable(*errors), ToJson(*errors));
+  WritePoses(arguments, errors->poses);
+  return *errors;
 }
 
-void ComparePlanes(const std::string& file, const std::vector<std::string>& labels,
+void MeasureModels(const po::variables_map& arguments, const TrajectoryErrorOptions& options,
                    Result& result) {
-  const auto planes = LabelledNormalsFromJson(ReadJson(file), file);
-  const auto pairs = PairwisePlaneAngles(planes, labels);
-  if (!result.table.empty()) result.table += "\n";
-  result.table += ToTable(pairs);
-  result.json["planes"] = ToJson(pairs);
+  const std::string folder = Required(arguments, "model");
+  const std::string other_folder = Required(arguments, "other-model");
+  const Reconstruction model = ReadColmapModel(folder);
+  const Reconstruction other = ReadColmapModel(other_folder);
+  const auto difference = CompareModels(model, other, options.align);
+  if (!difference) {
+    ThrowInputError(
+        "{}: cannot be compared with {}: fewer than three images of the same name, or all their "
+        "cameras lie on one line",
+        folder, other_folder);
+  }
+  result.Add("models", ToTable(*difference), ToJson(*difference));
+  WritePoses(arguments, difference->poses, difference->names);
+}
+
+std::vector<PlaneCloud> MeasureClouds(const po::variables_map& arguments,
+                                      const Similarity3& truth_from_estimate, Result& result) {
+  const Reconstruction model = ReadColmapModel(Required(arguments, "model"));
+  const SemanticMap map = ReadSemanticMap(Required(arguments, "semantics"));
+  auto clouds = MeasurePlaneClouds(model, map, truth_from_estimate.scale);
+  if (clouds.empty()) {
+    ThrowInputError("{}: no plane has points in {}", arguments["semantics"].as<std::string>(),
+                    arguments["model"].as<std::string>());
+  }
+  result.Add("cloud", ToTable(clouds), ToJson(clouds));
+  return clouds;
+}
+
+void MeasureAngles(const po::variables_map& arguments, const std::string& file,
+                   const nlohmann::json& document, Result& result) {
+  std::vector<std::string> labels;
+  if (arguments.count("plane-class") > 0) {
+    labels = arguments["plane-class"].as<std::vector<std::string>>();
+  }
+  const auto pairs = PairwisePlaneAngles(LabelledNormalsFromJson(document, file), labels);
+  result.Add("planes", ToTable(pairs), ToJson(pairs));
+}
+
+std::map<int, std::string> ClassNames(const po::variables_map& arguments) {
+  std::map<int, std::string> names;
+  if (arguments.count("classes") == 0) return names;
+  for (const SemanticClass& c : ReadClassTable(Required(arguments, "classes")).classes) {
+    names[c.id] = c.name;
+  }
+  return names;
+}
+
+void MeasureKnownPlanes(const po::variables_map& arguments, const PlaneErrorOptions& options,
+                        const std::vector<FittedPlane>& fitted,
+                        const Similarity3& truth_from_estimate, Result& result) {
+  const std::string file = Required(arguments, "known-planes");
+  const auto known =
+      KnownPlanesFromJson(ReadJson(file), options.frame, ClassNames(arguments), file);
+  const PlaneErrors errors = ComparePlanes(known, fitted, truth_from_estimate, options);
+  result.Add("known_planes", ToTable(errors), ToJson(errors));
 }
 
 /// The configuration, and over it the arguments that name the same things.
-TrajectoryErrorOptions ReadOptions(const po::variables_map& arguments,
-                                   const CommonArguments& common) {
-  auto options = LoadOptions<TrajectoryErrorOptions>(common);
+EvalOptions ReadOptions(const po::variables_map& arguments, const CommonArguments& common) {
+  auto options = LoadOptions<EvalOptions>(common);
   if (arguments.count("align") > 0) {
     const std::string name = arguments["align"].as<std::string>();
     const auto align = TrajectoryAlignmentFromName(name);
     if (!align) throw UsageError(fmt::format("--align {}: expected sim3, se3 or none", name));
-    options.align = *align;
+    options.trajectory.align = *align;
   }
-  if (arguments.count("max-dt") > 0) options.max_dt_s = arguments["max-dt"].as<double>();
+  if (arguments.count("max-dt") > 0) {
+    options.trajectory.max_dt_s = arguments["max-dt"].as<double>();
+  }
   CheckOptions(options);
+  for (const double length : options.trajectory.segment_lengths_m) {
+    if (!(length > 0.0)) throw UsageError("segment_lengths_m: lengths must be positive");
+  }
   return options;
 }
 
-void Run(const po::variables_map& arguments, const CommonArguments& common) {
-  const TrajectoryErrorOptions options = ReadOptions(arguments, common);
-  const bool has_planes = arguments.count("planes") > 0;
-  const bool has_trajectory =
-      arguments.count("estimate") > 0 || arguments.count("ground-truth") > 0;
-  Result result;
-  if (has_trajectory || !has_planes) {
-    CompareFiles(Required(arguments, "estimate"), Required(arguments, "ground-truth"), options,
-                 result);
+/// What the arguments ask for.
+struct Wanted {
+  bool trajectory = false;
+  bool planes = false;
+  bool clouds = false;
+  bool models = false;
+  bool known_planes = false;
+};
+
+Wanted ReadWanted(const po::variables_map& arguments) {
+  const auto given = [&](const char* name) { return arguments.count(name) > 0; };
+  Wanted wanted;
+  wanted.planes = given("planes");
+  wanted.clouds = given("semantics");
+  wanted.models = given("other-model");
+  wanted.known_planes = given("known-planes");
+  const bool other = wanted.planes || wanted.clouds || wanted.models;
+  wanted.trajectory = given("estimate") || given("ground-truth") || !other;
+  if (wanted.known_planes && !wanted.planes && !wanted.clouds) {
+    throw UsageError("--known-planes needs --planes, or --model and --semantics");
   }
-  if (has_planes) {
-    std::vector<std::string> labels;
-    if (arguments.count("plane-class") > 0) {
-      labels = arguments["plane-class"].as<std::vector<std::string>>();
-    }
-    ComparePlanes(Required(arguments, "planes"), labels, result);
+  if (given("model") && !wanted.clouds && !wanted.models) {
+    throw UsageError("--model needs --semantics or --other-model");
+  }
+  if (given("per-pose") && wanted.trajectory && wanted.models) {
+    throw UsageError("--per-pose: of the trajectory or of the two models, not of both");
+  }
+  return wanted;
+}
+
+void Run(const po::variables_map& arguments, const CommonArguments& common) {
+  const EvalOptions options = ReadOptions(arguments, common);
+  const Wanted wanted = ReadWanted(arguments);
+  Result result;
+  Similarity3 truth_from_estimate;
+  if (wanted.trajectory) {
+    truth_from_estimate =
+        MeasureTrajectory(arguments, options.trajectory, result).truth_from_estimate;
+  }
+  if (wanted.models) MeasureModels(arguments, options.trajectory, result);
+  std::vector<FittedPlane> fitted;
+  if (wanted.clouds) fitted = BestPlanes(MeasureClouds(arguments, truth_from_estimate, result));
+  if (wanted.planes) {
+    const std::string file = Required(arguments, "planes");
+    const nlohmann::json document = ReadJson(file);
+    MeasureAngles(arguments, file, document, result);
+    if (wanted.known_planes) fitted = FittedPlanesFromJson(document, file);
+  }
+  if (wanted.known_planes) {
+    MeasureKnownPlanes(arguments, options.planes, fitted, truth_from_estimate, result);
   }
   PrintReport(common, result.table, result.json);
 }
@@ -106,7 +238,18 @@ int main(int argc, char** argv) {
   add("planes", po::value<std::string>()->value_name("FILE"), "planes to compare with one another");
   add("plane-class", po::value<std::vector<std::string>>()->composing()->value_name("NAME"),
       "only planes of this class; may be repeated");
-  s3lam::tools::SetConfiguration(s3lam::TrajectoryErrorOptions(), program);
+  add("known-planes", po::value<std::string>()->value_name("FILE"),
+      "objects.json with the planes that are there");
+  add("classes", po::value<std::string>()->value_name("FILE"),
+      "class table that names the classes of --known-planes");
+  add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model");
+  add("semantics", po::value<std::string>()->value_name("DIR"),
+      "output of s3-lift that says which points of --model lie on which plane");
+  add("other-model", po::value<std::string>()->value_name("DIR"),
+      "COLMAP model to compare --model with");
+  add("per-pose", po::value<std::string>()->value_name("FILE"),
+      "write the errors of every pose, as .csv or .json");
+  s3lam::tools::SetConfiguration(s3lam::tools::EvalOptions(), program);
   program.run = s3lam::tools::Run;
   return s3lam::tools::RunProgram(argc, argv, program);
 }

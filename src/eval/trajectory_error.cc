@@ -6,7 +6,7 @@
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
+#include <span>
 
 #include "s3lam/base/error.h"
 #include "s3lam/geometry/alignment.h"
@@ -15,7 +15,6 @@ namespace s3lam {
 namespace {
 
 constexpr std::array<std::string_view, 3> kAlignmentNames = {"sim3", "se3", "none"};
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 /// Fewer say nothing, and do not determine an alignment.
 constexpr size_t kMinPairs = 3;
 
@@ -30,12 +29,6 @@ size_t Nearest(const Trajectory& trajectory, double time_s) {
       after != trajectory.end() && after->time_s - time_s < time_s - before->time_s;
   return static_cast<size_t>((take_after ? after : before) - trajectory.begin());
 }
-
-struct PosePair {
-  double time_s = 0.0;
-  Rigid3 truth;     // world_from_camera
-  Rigid3 estimate;  // world_from_camera, in the truth's world once aligned
-};
 
 std::vector<PosePair> PairPoses(const Trajectory& estimate, const Trajectory& ground_truth,
                                 double max_dt_s) {
@@ -64,47 +57,46 @@ Rigid3 TransformPose(const Similarity3& a_from_b, const Rigid3& b_from_camera) {
           a_from_b * b_from_camera.translation};
 }
 
-void MeasureAbsolute(const std::vector<PosePair>& pairs, TrajectoryErrors& errors) {
+double RootMeanSquare(std::span<const PoseError> errors, double PoseError::*part) {
+  double sum = 0.0;
+  for (const PoseError& error : errors) sum += (error.*part) * (error.*part);
+  return std::sqrt(sum / static_cast<double>(errors.size()));
+}
+
+Eigen::Vector3d RootMeanSquare(std::span<const PoseError> errors,
+                               Eigen::Vector3d PoseError::*part) {
+  Eigen::Array3d sum = Eigen::Array3d::Zero();
+  for (const PoseError& error : errors) sum += (error.*part).array().square();
+  return (sum / static_cast<double>(errors.size())).sqrt();
+}
+
+void MeasureAbsolute(TrajectoryErrors& errors) {
   std::vector<double> distances;
   std::vector<double> angles;
-  Eigen::Array3d squares = Eigen::Array3d::Zero();
-  for (const PosePair& pair : pairs) {
-    const Eigen::Vector3d difference = pair.estimate.translation - pair.truth.translation;
-    distances.push_back(difference.norm());
-    angles.push_back(kDegreesPerRadian *
-                     RotationAngle(pair.truth.rotation, pair.estimate.rotation));
-    squares += difference.array().square();
-    errors.ate_by_time.emplace_back(pair.time_s, distances.back());
+  for (const PoseError& pose : errors.poses) {
+    distances.push_back(pose.difference.norm());
+    angles.push_back(pose.rotation_deg);
   }
-  errors.ate_rmse_per_axis = (squares / static_cast<double>(pairs.size())).sqrt();
+  errors.ate_rmse_per_axis = RootMeanSquare(errors.poses, &PoseError::difference);
+  errors.ate_rmse_in_camera = RootMeanSquare(errors.poses, &PoseError::in_camera);
+  errors.ate_rmse_along = RootMeanSquare(errors.poses, &PoseError::along);
+  errors.ate_rmse_across = RootMeanSquare(errors.poses, &PoseError::across);
   errors.ate_translation = ComputeErrorStatistics(std::move(distances));
   errors.ate_rotation_deg = ComputeErrorStatistics(std::move(angles));
 }
 
-void MeasureRelative(const std::vector<PosePair>& pairs, size_t delta, TrajectoryErrors& errors) {
-  std::vector<double> distances;
-  std::vector<double> angles;
-  for (size_t i = 0; i + delta < pairs.size(); ++i) {
-    const Rigid3 truth = pairs[i].truth.Inverse() * pairs[i + delta].truth;
-    const Rigid3 estimate = pairs[i].estimate.Inverse() * pairs[i + delta].estimate;
-    const Rigid3 error = truth.Inverse() * estimate;
-    distances.push_back(error.translation.norm());
-    angles.push_back(kDegreesPerRadian * RotationVectorFromQuaternion(error.rotation).norm());
-  }
-  errors.rpe_translation = ComputeErrorStatistics(std::move(distances));
-  errors.rpe_rotation_deg = ComputeErrorStatistics(std::move(angles));
+void MeasureRelative(std::span<const PosePair> pairs, TrajectoryErrors& errors) {
+  const TrajectoryErrorOptions& options = errors.options;
+  const RelativeErrors over_frames =
+      RelativeErrorsOverFrames(pairs, static_cast<size_t>(options.rpe_delta_frames));
+  errors.rpe_translation = over_frames.translation;
+  errors.rpe_rotation_deg = over_frames.rotation_deg;
+  errors.rpe_per_length = RelativeErrorsPerLength(pairs, options.rpe_delta_m);
+  errors.segments = ComputeSegmentErrors(pairs, options.segment_lengths_m,
+                                         static_cast<size_t>(options.segment_step_frames));
 }
 
-nlohmann::json StatisticsToJson(const ErrorStatistics& statistics) {
-  return {{"count", statistics.count},   {"rmse", statistics.rmse}, {"mean", statistics.mean},
-          {"median", statistics.median}, {"std", statistics.std},   {"min", statistics.min},
-          {"max", statistics.max}};
-}
-
-std::string TableRow(std::string_view name, const ErrorStatistics& statistics) {
-  return fmt::format("{:<22}{:>12.6f}{:>12.6f}{:>12.6f}{:>12.6f}{:>12.6f}\n", name, statistics.rmse,
-                     statistics.mean, statistics.median, statistics.min, statistics.max);
-}
+nlohmann::json AxesToJson(const Eigen::Vector3d& axes) { return {axes.x(), axes.y(), axes.z()}; }
 
 }  // namespace
 
@@ -125,33 +117,12 @@ void TrajectoryErrorOptions::Visit(OptionVisitor& v) {
   v.Value("max_dt_s", max_dt_s, "poses farther apart in time are not associated [s]", 0.0);
   v.Value("rpe_delta_frames", rpe_delta_frames,
           "distance between the two poses of a relative error [associated poses]", 1);
-}
-
-ErrorStatistics ComputeErrorStatistics(std::vector<double> errors) {
-  ErrorStatistics statistics;
-  if (errors.empty()) return statistics;
-  std::sort(errors.begin(), errors.end());
-  const auto count = static_cast<double>(errors.size());
-  double sum = 0.0;
-  double sum_squared = 0.0;
-  for (const double error : errors) {
-    sum += error;
-    sum_squared += error * error;
-  }
-  statistics.count = errors.size();
-  statistics.mean = sum / count;
-  statistics.rmse = std::sqrt(sum_squared / count);
-  double squared_deviations = 0.0;
-  for (const double error : errors) {
-    squared_deviations += (error - statistics.mean) * (error - statistics.mean);
-  }
-  statistics.std = std::sqrt(squared_deviations / count);
-  const size_t middle = errors.size() / 2;
-  statistics.median =
-      errors.size() % 2 == 1 ? errors[middle] : 0.5 * (errors[middle - 1] + errors[middle]);
-  statistics.min = errors.front();
-  statistics.max = errors.back();
-  return statistics;
+  v.Value("rpe_delta_m", rpe_delta_m,
+          "way between the two poses of a relative error per length [unit of the truth]", 1e-9);
+  v.Value("segment_lengths_m", segment_lengths_m,
+          "lengths of the segments of KITTI's measure [unit of the truth]");
+  v.Value("segment_step_frames", segment_step_frames,
+          "a segment begins at every so-manieth pose [associated poses]", 1);
 }
 
 std::vector<std::pair<size_t, size_t>> AssociateByTime(const Trajectory& a, const Trajectory& b,
@@ -169,7 +140,7 @@ std::vector<std::pair<size_t, size_t>> AssociateByTime(const Trajectory& a, cons
 std::optional<TrajectoryErrors> CompareTrajectories(const Trajectory& estimate,
                                                     const Trajectory& ground_truth,
                                                     const TrajectoryErrorOptions& options) {
-  S3LAM_CHECK(options.rpe_delta_frames > 0);
+  S3LAM_CHECK(options.rpe_delta_frames > 0 && options.segment_step_frames > 0);
   std::vector<PosePair> pairs = PairPoses(estimate, ground_truth, options.max_dt_s);
   if (pairs.size() < kMinPairs) return std::nullopt;
   const auto truth_from_estimate = Align(pairs, options.align);
@@ -182,54 +153,76 @@ std::optional<TrajectoryErrors> CompareTrajectories(const Trajectory& estimate,
   errors.num_pairs = pairs.size();
   errors.truth_from_estimate = *truth_from_estimate;
   for (PosePair& pair : pairs) pair.estimate = TransformPose(*truth_from_estimate, pair.estimate);
-  for (size_t i = 1; i < pairs.size(); ++i) {
-    errors.path_length += (pairs[i].truth.translation - pairs[i - 1].truth.translation).norm();
-  }
-  MeasureAbsolute(pairs, errors);
-  MeasureRelative(pairs, static_cast<size_t>(options.rpe_delta_frames), errors);
+  errors.poses = ComputePoseErrors(pairs);
+  errors.path_length = errors.poses.back().path;
+  MeasureAbsolute(errors);
+  MeasureRelative(pairs, errors);
   return errors;
 }
 
+nlohmann::json ToJson(const Similarity3& a_from_b) {
+  const Eigen::Quaterniond& q = a_from_b.rotation;
+  return {{"scale", a_from_b.scale},
+          {"rotation_wxyz", {q.w(), q.x(), q.y(), q.z()}},
+          {"translation", AxesToJson(a_from_b.translation)}};
+}
+
 nlohmann::json ToJson(const TrajectoryErrors& errors) {
-  const Similarity3& s = errors.truth_from_estimate;
-  const Eigen::Vector3d& axes = errors.ate_rmse_per_axis;
   return {{"align", TrajectoryAlignmentName(errors.options.align)},
           {"max_dt_s", errors.options.max_dt_s},
           {"num_estimate", errors.num_estimate},
           {"num_ground_truth", errors.num_ground_truth},
           {"num_pairs", errors.num_pairs},
           {"path_length", errors.path_length},
-          {"truth_from_estimate",
-           {{"scale", s.scale},
-            {"rotation_wxyz", {s.rotation.w(), s.rotation.x(), s.rotation.y(), s.rotation.z()}},
-            {"translation", {s.translation.x(), s.translation.y(), s.translation.z()}}}},
+          {"truth_from_estimate", ToJson(errors.truth_from_estimate)},
           {"ate",
-           {{"translation", StatisticsToJson(errors.ate_translation)},
-            {"rotation_deg", StatisticsToJson(errors.ate_rotation_deg)},
-            {"rmse_per_axis", {axes.x(), axes.y(), axes.z()}}}},
+           {{"translation", ToJson(errors.ate_translation)},
+            {"rotation_deg", ToJson(errors.ate_rotation_deg)},
+            {"rmse_per_axis", AxesToJson(errors.ate_rmse_per_axis)},
+            {"rmse_in_camera", AxesToJson(errors.ate_rmse_in_camera)},
+            {"rmse_along", errors.ate_rmse_along},
+            {"rmse_across", errors.ate_rmse_across}}},
           {"rpe",
            {{"delta_frames", errors.options.rpe_delta_frames},
-            {"translation", StatisticsToJson(errors.rpe_translation)},
-            {"rotation_deg", StatisticsToJson(errors.rpe_rotation_deg)}}}};
+            {"translation", ToJson(errors.rpe_translation)},
+            {"rotation_deg", ToJson(errors.rpe_rotation_deg)}}},
+          {"rpe_per_length",
+           {{"delta", errors.options.rpe_delta_m},
+            {"translation", ToJson(errors.rpe_per_length.translation)},
+            {"rotation_deg", ToJson(errors.rpe_per_length.rotation_deg)}}},
+          {"segments", ToJson(errors.segments)}};
 }
 
 std::string ToTable(const TrajectoryErrors& errors) {
-  const Eigen::Vector3d& axes = errors.ate_rmse_per_axis;
   std::string table = fmt::format(
       "poses                 {} estimated, {} of ground truth, {} associated within {} s\n"
       "path length           {:.6g}\n"
-      "alignment             {}, scale {:.6g}\n\n"
-      "{:<22}{:>12}{:>12}{:>12}{:>12}{:>12}\n",
+      "alignment             {}, scale {:.6g}\n\n",
       errors.num_estimate, errors.num_ground_truth, errors.num_pairs, errors.options.max_dt_s,
       errors.path_length, TrajectoryAlignmentName(errors.options.align),
-      errors.truth_from_estimate.scale, "", "rmse", "mean", "median", "min", "max");
+      errors.truth_from_estimate.scale);
+  table += TableHeader();
   table += TableRow("ATE", errors.ate_translation);
   table += TableRow("ATE rotation [deg]", errors.ate_rotation_deg);
   table += TableRow(fmt::format("RPE (delta {})", errors.options.rpe_delta_frames),
                     errors.rpe_translation);
   table += TableRow("RPE rotation [deg]", errors.rpe_rotation_deg);
-  table += fmt::format("ATE x, y, z           {:>12.6f}{:>12.6f}{:>12.6f}\n", axes.x(), axes.y(),
-                       axes.z());
+  if (errors.rpe_per_length.translation.count > 0) {
+    table += TableRow(fmt::format("RPE per unit (at {:g})", errors.options.rpe_delta_m),
+                      errors.rpe_per_length.translation);
+    table += TableRow("RPE rot. [deg/unit]", errors.rpe_per_length.rotation_deg);
+  }
+  const auto axes = [](std::string_view name, const Eigen::Vector3d& v) {
+    return fmt::format("{:<22}{:>12.6f}{:>12.6f}{:>12.6f}\n", name, v.x(), v.y(), v.z());
+  };
+  table += "\n";
+  table += axes("RMSE in x, y, z", errors.ate_rmse_per_axis);
+  table += axes("in the camera's axes", errors.ate_rmse_in_camera);
+  table += fmt::format("{:<22}{:>12.6f}{:>12.6f}\n", "along, across the way", errors.ate_rmse_along,
+                       errors.ate_rmse_across);
+  if (errors.segments.by_length.empty()) return table;
+  table += "\n";
+  table += ToTable(errors.segments);
   return table;
 }
 

@@ -7,6 +7,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "eval/numpy_reference.h"
 #include "s3lam/base/rng.h"
 #include "s3lam/io/trajectory.h"
 #include "support/run_program.h"
@@ -120,8 +121,8 @@ TEST(CompareTrajectories, AShiftShowsOnItsAxis) {
   EXPECT_NEAR(errors->ate_rmse_per_axis.y(), 0.25, 1e-12);
   EXPECT_NEAR(errors->ate_rmse_per_axis.x(), 0.0, 1e-12);
   EXPECT_NEAR(errors->rpe_translation.max, 0.0, 1e-12);
-  EXPECT_EQ(errors->ate_by_time.size(), 20u);
-  EXPECT_EQ(errors->ate_by_time[3].first, truth[3].time_s);
+  EXPECT_EQ(errors->poses.size(), 20u);
+  EXPECT_EQ(errors->poses[3].time_s, truth[3].time_s);
 }
 
 TEST(CompareTrajectories, WhatCannotBeComparedIsEmpty) {
@@ -132,16 +133,8 @@ TEST(CompareTrajectories, WhatCannotBeComparedIsEmpty) {
   EXPECT_FALSE(CompareTrajectories(AtTimes({10.0, 10.05, 10.1, 10.15}), truth).has_value());
 }
 
-/// A Python that has numpy: the first on the path, or the system's own.
-std::optional<std::string> PythonWithNumpy() {
-  for (const char* python : {"python3", "/usr/bin/python3"}) {
-    if (testing::RunProgram({python, "-c", "import numpy"}).exit_code == 0) return python;
-  }
-  return std::nullopt;
-}
-
 TEST(CompareTrajectories, AgreesWithNumpy) {
-  const auto python = PythonWithNumpy();
+  const auto python = testing::PythonWithNumpy();
   if (!python) GTEST_SKIP() << "python3 with numpy is not installed";
   const Trajectory truth = Curve(60);
   Trajectory estimate = Moved(truth, kSimilarity.Inverse(), 0.05);
@@ -150,36 +143,19 @@ TEST(CompareTrajectories, AgreesWithNumpy) {
   const testing::TempDir dir;
   WriteTumTrajectory(truth, dir / "truth.txt");
   WriteTumTrajectory(estimate, dir / "estimate.txt");
+  TrajectoryErrorOptions options;
+  options.segment_lengths_m = {1.0, 2.5, 5.0, 1000.0};
+  options.segment_step_frames = 3;
+  options.rpe_delta_m = 0.7;
   for (const auto align :
        {TrajectoryAlignment::kSim3, TrajectoryAlignment::kSe3, TrajectoryAlignment::kNone}) {
     for (const int delta : {1, 5}) {
-      const auto errors = CompareTrajectories(estimate, truth, {align, 0.02, delta});
+      options.align = align;
+      options.rpe_delta_frames = delta;
+      const auto errors = CompareTrajectories(estimate, truth, options);
       ASSERT_TRUE(errors.has_value());
-      const testing::ProgramResult result = testing::RunProgram(
-          {*python, S3LAM_TEST_SOURCE_DIR "/tests/eval/trajectory_reference.py",
-           (dir / "estimate.txt").string(), (dir / "truth.txt").string(),
-           std::string(TrajectoryAlignmentName(align)), "0.02", std::to_string(delta)});
-      ASSERT_EQ(result.exit_code, 0) << result.output;
-      const auto reference = nlohmann::json::parse(result.output);
-      EXPECT_EQ(reference["num_pairs"], errors->num_pairs);
-      const auto expect_same = [&](const char* name, const ErrorStatistics& statistics) {
-        const auto& expected = reference[name];
-        EXPECT_EQ(expected["count"], statistics.count) << name;
-        const double values[] = {statistics.rmse, statistics.mean, statistics.median,
-                                 statistics.std,  statistics.min,  statistics.max};
-        const char* keys[] = {"rmse", "mean", "median", "std", "min", "max"};
-        for (int i = 0; i < 6; ++i) {
-          EXPECT_NEAR(expected[keys[i]].get<double>(), values[i], 1e-9) << name << " " << keys[i];
-        }
-      };
-      expect_same("ate_translation", errors->ate_translation);
-      expect_same("ate_rotation_deg", errors->ate_rotation_deg);
-      expect_same("rpe_translation", errors->rpe_translation);
-      expect_same("rpe_rotation_deg", errors->rpe_rotation_deg);
-      for (int i = 0; i < 3; ++i) {
-        EXPECT_NEAR(reference["ate_rmse_per_axis"][static_cast<size_t>(i)].get<double>(),
-                    errors->ate_rmse_per_axis[i], 1e-9);
-      }
+      EXPECT_EQ(errors->segments.by_length.size(), 3u);  // None is 1000 long.
+      testing::ExpectAgreesWithNumpy(*python, dir / "estimate.txt", dir / "truth.txt", *errors);
     }
   }
 }

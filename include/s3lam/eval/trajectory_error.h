@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "s3lam/base/options.h"
+#include "s3lam/eval/error_statistics.h"
+#include "s3lam/eval/pose_errors.h"
 #include "s3lam/geometry/similarity3.h"
 #include "s3lam/scene/trajectory.h"
 
@@ -25,21 +27,12 @@ struct TrajectoryErrorOptions {
   TrajectoryAlignment align = TrajectoryAlignment::kSim3;
   double max_dt_s = 0.02;
   int rpe_delta_frames = 1;
+  double rpe_delta_m = 1.0;
+  std::vector<double> segment_lengths_m = {100, 200, 300, 400, 500, 600, 700, 800};
+  int segment_step_frames = 10;
 
   void Visit(OptionVisitor& v);
 };
-
-/// Of a list of errors; all zero for an empty one.
-struct ErrorStatistics {
-  size_t count = 0;
-  double rmse = 0.0;
-  double mean = 0.0;
-  double median = 0.0;  // Mean of the middle two for an even count.
-  double std = 0.0;     // About the mean, divided by the count.
-  double min = 0.0;
-  double max = 0.0;
-};
-ErrorStatistics ComputeErrorStatistics(std::vector<double> errors);
 
 /// Index pairs (a, b) of poses that are nearest to each other in time and at most `max_dt_s` [s]
 /// apart; no pose is in two pairs. Ascending.
@@ -58,13 +51,19 @@ struct TrajectoryErrors {
   /// the rotations, after alignment.
   ErrorStatistics ate_translation;
   ErrorStatistics ate_rotation_deg;
-  Eigen::Vector3d ate_rmse_per_axis = Eigen::Vector3d::Zero();  // Along the axes of the truth.
-  /// Relative pose error: translation and angle of (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), P the aligned
-  /// estimate, Q the truth, j = i + rpe_delta_frames, over all associated poses i.
+  Eigen::Vector3d ate_rmse_per_axis = Eigen::Vector3d::Zero();   // Along the axes of the truth.
+  Eigen::Vector3d ate_rmse_in_camera = Eigen::Vector3d::Zero();  // Of the true camera.
+  double ate_rmse_along = 0.0;                                   // In the direction of travel.
+  double ate_rmse_across = 0.0;
+  /// Relative pose error of consecutive poses (rpe_delta_frames apart), all of them.
   ErrorStatistics rpe_translation;
   ErrorStatistics rpe_rotation_deg;
-  /// Per pair: time of the truth [s] and ATE.
-  std::vector<std::pair<double, double>> ate_by_time;
+  /// Of poses rpe_delta_m apart on the true way, over that way.
+  RelativeErrors rpe_per_length;
+  /// KITTI's measure; no rows if the way is shorter than the shortest segment.
+  SegmentErrorTable segments;
+  /// Per pair.
+  std::vector<PoseError> poses;
 };
 
 /// Associates, aligns the camera centres (Umeyama) and measures, by the definitions of the TUM
@@ -74,6 +73,7 @@ std::optional<TrajectoryErrors> CompareTrajectories(const Trajectory& estimate,
                                                     const Trajectory& ground_truth,
                                                     const TrajectoryErrorOptions& options = {});
 
+nlohmann::json ToJson(const Similarity3& a_from_b);
 nlohmann::json ToJson(const TrajectoryErrors& errors);
 /// A few aligned lines for people.
 std::string ToTable(const TrajectoryErrors& errors);
