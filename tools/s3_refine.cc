@@ -8,6 +8,7 @@
 #include "s3lam/base/timer.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/file.h"
+#include "s3lam/io/frame_observations.h"
 #include "s3lam/io/semantic_map_io.h"
 #include "s3lam/io/trajectory.h"
 #include "s3lam/refine/pipeline.h"
@@ -23,8 +24,9 @@ constexpr const char* kDescription =
     "Refines a COLMAP model by bundle adjustment with the planes of its semantic map.\n\n"
     "Reads  --model      cameras, images, points3D (.bin or .txt); keyframes.txt (TUM, one line "
     "per\n"
-    "                    image in ascending image id) and frames.txt (poses of all frames), where\n"
-    "                    they are there; descriptors.bin and project.ini are handed on\n"
+    "                    image in ascending image id), frames.txt (poses of all frames) and\n"
+    "                    observations.bin (what those see), where they are there;\n"
+    "                    descriptors.bin and project.ini are handed on\n"
     "       --semantics  semantics.json, distributions.npy of that model; an empty folder or none "
     "at\n"
     "                    all means bundle adjustment without planes\n"
@@ -47,6 +49,10 @@ void ReadTrajectories(const fs::path& model, refine::Input& input) {
                     model.string());
   }
   input.frames = ReadTumTrajectory(model / "frames.txt");
+  const fs::path observations = model / "observations.bin";
+  if (!fs::exists(observations)) return;
+  input.observations = ReadFrameObservations(observations);
+  CheckFrameObservations(input.observations, input.model, input.frames, observations.string());
 }
 
 SemanticMap ReadSemantics(const fs::path& directory, const Reconstruction& model) {
@@ -83,6 +89,9 @@ void WriteOutput(const fs::path& model, const refine::Options& options,
   WriteColmapModel(output.model, directory);
   if (!output.keyframes.empty()) WriteTumTrajectory(output.keyframes, directory / "keyframes.txt");
   if (!output.frames.empty()) WriteTumTrajectory(output.frames, directory / "frames.txt");
+  if (!output.observations.empty()) {
+    WriteFrameObservations(output.observations, directory / "observations.bin");
+  }
   WriteJson(directory / "planes.json", PlanesToJson(output.semantics));
   WritePlanesPly(output.semantics, directory / "planes.ply");
   CopyIfPresent(model / "descriptors.bin", directory / "descriptors.bin");
@@ -96,7 +105,8 @@ void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   const fs::path semantics =
       arguments.count("semantics") > 0 ? arguments["semantics"].as<std::string>() : "";
   OutputDirectory directory(Required(arguments, "output"), common.overwrite);
-  const auto options = LoadOptions<refine::Options>(common);
+  auto options = LoadOptions<refine::Options>(common);
+  options.num_threads = common.threads;
 
   const Timer timer;
   const refine::Input input = ReadInput(model, semantics);

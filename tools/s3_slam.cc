@@ -11,6 +11,7 @@
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
+#include "s3lam/io/frame_observations.h"
 #include "s3lam/io/image_sequence.h"
 #include "s3lam/io/trajectory.h"
 #include "s3lam/slam/pipeline.h"
@@ -25,8 +26,8 @@ constexpr const char* kDescription =
     "Reads   --sequence: a folder (TUM RGB-D, KITTI odometry or raw, EuRoC, plain images) or a\n"
     "        video; the camera from --camera, else from what the sequence brings.\n"
     "Writes  --output: cameras.bin, images.bin, points3D.bin (COLMAP), keyframes.txt and\n"
-    "        frames.txt (TUM, world_from_camera), descriptors.bin, project.ini, report.json,\n"
-    "        config.json.";
+    "        frames.txt (TUM, world_from_camera), descriptors.bin, observations.bin (what frames\n"
+    "        that are no keyframes see), project.ini, report.json, config.json.";
 
 SequenceFormat ParseFormat(const std::string& name) {
   const auto format = SequenceFormatFromName(name);
@@ -73,6 +74,7 @@ void Write(const slam::Result& result, const slam::Options& options, const nlohm
   WriteTumTrajectory(result.keyframes, directory / "keyframes.txt");
   WriteTumTrajectory(result.frames, directory / "frames.txt");
   WriteDescriptors(result.descriptors, directory / "descriptors.bin");
+  WriteFrameObservations(result.observations, directory / "observations.bin");
   WriteJson(directory / "report.json", report);
   WriteJson(directory / "config.json", OptionsToJson(options));
 }

@@ -56,12 +56,16 @@ void CarryUnusedImages(const Reconstruction& original, BundleMap& map) {
   }
 }
 
-void CarryTrajectories(const Input& input, const BundleMap& map, Output& output) {
+void MoveTrajectories(const Options& options, const Input& input, const BundleMap& map,
+                      Output& output, Report& report) {
   output.frames = input.frames;
+  output.observations = KeepKnownPoints(input.observations, output.model);
   output.keyframes.clear();
   if (input.image_times_s.empty()) return;
   const auto keyframes = MovedKeyframes(input.model, map, input.image_times_s);
   output.frames = CarryFrames(input.frames, keyframes);
+  report.frames = RefineFrames(options.frames, output.model, input.observations,
+                               options.num_threads, output.frames);
   size_t i = 0;
   for (const auto& [id, image] : output.model.images) {
     output.keyframes.push_back({input.image_times_s[i++], image.cam_from_world.Inverse()});
@@ -126,6 +130,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("bending", bending, "Surfaces that bend: cut into pieces.");
   v.Group("relations", relations, "Planes that are parallel, orthogonal or coplanar.");
   v.Group("camera_height", camera_height, "The camera keeps its height above the ground.");
+  v.Group("frames", frames, "Frames that are no keyframes.");
   v.Group("outer", outer, "Rounds of solving and choosing inliers.");
 }
 
@@ -170,7 +175,7 @@ Report Run(const Options& options, const Input& input, Output& output) {
   output.model = ToReconstruction(map, input.model);
   output.semantics =
       RefinedSemantics(input.semantics, planes, map, output.model, options.planes.sigma, sigma_px);
-  CarryTrajectories(input, map, output);
+  MoveTrajectories(options, input, map, output, report);
   if (report.ground.in_use && options.camera_height.value > 0.0) {
     report.metres_per_unit = options.camera_height.value / report.ground.height;
     MakeMetric(report.metres_per_unit, output);

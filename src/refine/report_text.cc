@@ -124,6 +124,7 @@ json ToJson(const RefineReport& report) {
             {"height", report.ground.height},
             {"spread_before", report.ground.spread_before},
             {"spread_after", report.ground.spread_after}}},
+          {"frames", {{"total", report.frames.num_frames}, {"refined", report.frames.num_refined}}},
           {"arms", arms},
           {"planes", PlanesToJson(report)},
           {"plane_pairs", PairsToJson(report)},
@@ -167,6 +168,11 @@ std::string ToTable(const RefineReport& report) {
         "%)\n",
         report.ground.height, report.ground.num_planes, 100.0 * report.ground.spread_after,
         100.0 * report.ground.spread_before);
+  }
+  if (report.frames.num_frames > 0) {
+    text += fmt::format(
+        "\nframes {}: {} refined against the map, the others moved with the keyframes\n",
+        report.frames.num_frames, report.frames.num_refined);
   }
   double total = 0.0;
   for (const auto& [step, seconds] : report.seconds) total += seconds;

@@ -43,12 +43,15 @@ void AddImages(const Input& input, Camera camera, const Map& map, const std::vec
   }
 }
 
-void AddPoints(const Map& map, Result& result) {
+/// Ids of the exported points, by their index in the map.
+std::vector<PointId> AddPoints(const Map& map, Result& result) {
+  std::vector<PointId> ids(static_cast<size_t>(map.num_points()), kInvalidPointId);
   uint64_t next_id = 1;
   for (int p = 0; p < map.num_points(); ++p) {
     const MapPoint& point = map.point(p);
     if (!point.alive) continue;
     const PointId id(next_id++);
+    ids[p] = id;
     ScenePoint scene_point;
     scene_point.xyz = point.position;
     for (const MapObservation& o : point.observations) {
@@ -59,6 +62,27 @@ void AddPoints(const Map& map, Result& result) {
     std::sort(scene_point.track.begin(), scene_point.track.end());
     result.reconstruction.points.emplace(id, std::move(scene_point));
     result.descriptors.emplace(id, point.descriptor);
+  }
+  return ids;
+}
+
+void AddFrameObservations(const Input& input, const Map& map,
+                          const std::vector<FrameTrack>& localized,
+                          const std::vector<PointId>& point_ids, Result& result) {
+  for (size_t i = 0; i < localized.size(); ++i) {
+    const int index = static_cast<int>(i);
+    if (!localized[i].tracked || result.reconstruction.images.contains(ImageOfFrame(index))) {
+      continue;
+    }
+    ObservedFrame frame;
+    frame.time_s = input.times_s[i];
+    frame.camera_id = result.reconstruction.cameras.begin()->first;
+    for (const PointMatch& match : localized[i].matches) {
+      const PointId id = point_ids[match.point];
+      const Keypoint& keypoint = map.frame(index).keypoint(match.keypoint);
+      if (id.valid()) frame.observations.push_back({id, keypoint.pixel, keypoint.sigma});
+    }
+    result.observations.push_back(std::move(frame));
   }
 }
 
@@ -145,7 +169,8 @@ CalibrationProblem MakeCalibrationProblem(const Map& map) {
 void Export(const Input& input, const Camera& camera, const Map& map,
             const std::vector<FrameTrack>& localized, Result& result) {
   AddImages(input, camera, map, KeyframesInTime(map), result.reconstruction);
-  AddPoints(map, result);
+  const std::vector<PointId> point_ids = AddPoints(map, result);
+  AddFrameObservations(input, map, localized, point_ids, result);
   AddColors(input, result.reconstruction);
   UpdatePointErrors(result.reconstruction);
   AddTrajectories(input, localized, result);

@@ -1,6 +1,8 @@
 // What s3-lift and s3-refine say to models and semantic maps that cannot be used.
 
 #include "pipeline/model_fixture.h"
+#include "s3lam/io/frame_observations.h"
+#include "s3lam/io/trajectory.h"
 
 namespace s3lam {
 namespace {
@@ -58,6 +60,24 @@ TEST_F(BadModel, CountThatTheFileCannotHold) {
   for (size_t i = 0; i < 7; ++i) bytes[i] = '\xff';
   inputs_.Write("model/points3D.bin", bytes);
   ExpectBothRefuse({"points3D.bin"});
+}
+
+TEST_F(BadModel, ObservationsOfFramesAreCutShortOrOfAnotherModel) {
+  const Reconstruction reconstruction = ReadColmapModel(model());
+  Trajectory keyframes;
+  for (const auto& [id, image] : reconstruction.images) {
+    keyframes.push_back({static_cast<double>(id.value()), image.cam_from_world.Inverse()});
+  }
+  WriteTumTrajectory(keyframes, model() / "keyframes.txt");
+  WriteTumTrajectory(keyframes, model() / "frames.txt");
+  ObservedFrame frame;
+  frame.time_s = keyframes.back().time_s;
+  frame.camera_id = reconstruction.cameras.begin()->first;
+  frame.observations.push_back({PointId(987654321), {1.0F, 2.0F}, 1.0F});
+  WriteFrameObservations({frame}, model() / "observations.bin");
+  ExpectRefineRefused({"observations.bin", "987654321"});
+  Truncate(model() / "observations.bin", 0.8);
+  ExpectRefineRefused({"observations.bin"});
 }
 
 TEST_F(BadModel, SemanticsAreMalformed) {

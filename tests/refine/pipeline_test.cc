@@ -190,6 +190,55 @@ TEST(Refine, FramesFollowTheKeyframes) {
   }
 }
 
+/// Every second image is taken from the model and given as a frame with what it sees.
+TEST(Refine, FramesAreRefinedAgainstTheRefinedMap) {
+  const SyntheticMap map = MakeMap();
+  Input input = InputOf(map);
+  input.semantics = {};
+  double time = 10.0;
+  std::vector<Eigen::Vector3d> truth;
+  for (const auto& [id, image] : map.estimate.images) {
+    input.frames.push_back({time, image.cam_from_world.Inverse()});
+    truth.push_back(map.truth.images.at(id).cam_from_world.CenterInB());
+    if (id.value() % 2 == 0) {
+      ObservedFrame frame{time, image.camera_id, {}};
+      for (const Point2D& seen : image.points2D) {
+        if (!seen.point_id.valid()) continue;
+        frame.observations.push_back({seen.point_id, seen.xy.cast<float>(), 1.0F});
+      }
+      input.observations.push_back(frame);
+      input.model.images.erase(id);
+    } else {
+      input.image_times_s.push_back(time);
+    }
+    time += 0.5;
+  }
+  for (auto& [id, point] : input.model.points) {
+    std::erase_if(point.track,
+                  [&](const TrackElement& e) { return !input.model.images.contains(e.image_id); });
+  }
+  const auto error = [&](const Trajectory& frames) {
+    std::vector<Eigen::Vector3d> centers;
+    for (const TimedPose& pose : frames) centers.push_back(pose.world_from_camera.translation);
+    const auto truth_from_model = AlignPoints(truth, centers);
+    double sum = 0.0;
+    for (size_t i = 0; i < truth.size(); ++i) {
+      sum += (truth[i] - *truth_from_model * centers[i]).squaredNorm();
+    }
+    return std::sqrt(sum);
+  };
+  Output refined;
+  const Report report = refine::Run(Options(), input, refined);
+  EXPECT_EQ(report.frames.num_frames, input.frames.size());
+  EXPECT_EQ(report.frames.num_refined, input.observations.size());
+  Options options;
+  options.frames.enabled = false;
+  Output carried;
+  EXPECT_EQ(refine::Run(options, input, carried).frames.num_refined, 0u);
+  EXPECT_LT(error(refined.frames), 0.7 * error(carried.frames));
+  CheckFrameObservations(refined.observations, refined.model, refined.frames, "output");
+}
+
 // ---- camera height, bending ground, relations ----
 
 /// A drive whose scale drifts slowly: each image sees only its neighbours' points.

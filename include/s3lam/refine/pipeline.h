@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "s3lam/base/options.h"
+#include "s3lam/refine/frame_refinement.h"
 #include "s3lam/refine/outer_loop.h"
 #include "s3lam/refine/report.h"
 #include "s3lam/scene/reconstruction.h"
@@ -12,6 +13,9 @@
 namespace s3lam::refine {
 
 struct Options : OuterLoopSettings {
+  FrameRefinementOptions frames;
+  int num_threads = 0;  // Not a configuration value: results do not depend on it.
+
   void Visit(OptionVisitor& v);
 };
 
@@ -21,6 +25,8 @@ struct Input {
   /// Times of the model's images in ascending image id; empty if unknown.
   std::vector<double> image_times_s;
   Trajectory frames;  // Poses of all frames in the model's world; may be empty.
+  /// What frames that are no images of the model see of its points; may be empty.
+  FrameObservations observations;
 };
 
 struct Output {
@@ -28,6 +34,7 @@ struct Output {
   SemanticMap semantics;
   Trajectory keyframes;  // The model's images, if their times are known.
   Trajectory frames;
+  FrameObservations observations;  // Those of points that are left.
 };
 
 using Report = RefineReport;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "s3lam/base/timer.h"
+#include "s3lam/refine/frame_refinement.h"
 #include "s3lam/refine/outer_loop.h"
 #include "s3lam/scene/semantic_map.h"
 
@@ -53,6 +54,7 @@ struct RefineReport {
   double metres_per_unit = 0.0;     // If the camera's height is known: the output is in metres.
   double gauge_scale_change = 0.0;  // Of the held distance, relative: zero if the gauge held.
   GroundReport ground;
+  FrameRefinementReport frames;
   std::vector<ArmReport> arms;
   std::vector<PlaneReport> planes;
   std::vector<PlanePairReport> pairs;

@@ -10,6 +10,7 @@
 #include "s3lam/base/timer.h"
 #include "s3lam/optim/self_calibration.h"
 #include "s3lam/scene/descriptor.h"
+#include "s3lam/scene/frame_observations.h"
 #include "s3lam/scene/reconstruction.h"
 #include "s3lam/scene/trajectory.h"
 #include "s3lam/slam/initializer.h"
@@ -75,6 +76,7 @@ struct Result {
   PointDescriptors descriptors;
   Trajectory keyframes;  // world_from_camera, ascending time: one per image of the reconstruction.
   Trajectory frames;     // All localised frames.
+  FrameObservations observations;  // What localised frames that are no keyframes see.
   Report report;
 };
 
