@@ -7,6 +7,7 @@
 #include "s3lam/base/output_directory.h"
 #include "s3lam/base/timer.h"
 #include "s3lam/io/colmap_model.h"
+#include "s3lam/io/constraints.h"
 #include "s3lam/io/file.h"
 #include "s3lam/io/frame_observations.h"
 #include "s3lam/io/semantic_map_io.h"
@@ -30,8 +31,15 @@ constexpr const char* kDescription =
     "       --semantics  semantics.json, distributions.npy of that model; an empty folder or none "
     "at\n"
     "                    all means bundle adjustment without planes\n"
+    "       --constant   {\"images\": [\"name\", ...], \"points\": [id, ...]}, \"all\" for a list: "
+    "what\n"
+    "                    stays as it is\n"
+    "       --pose-priors  lines 't tx ty tz qx qy qz qw sigma_position sigma_rotation' in the\n"
+    "                    model's world (world_from_camera; map units, degrees; 0: not known), an\n"
+    "                    image's name in the place of the time t if there is no keyframes.txt\n"
     "Writes --output     the refined COLMAP model, keyframes.txt, frames.txt, planes.json,\n"
-    "                    planes.ply, report.json (before and after), config.json";
+    "                    planes.ply, report.json (before and after), config.json; on request\n"
+    "                    covariance.json";
 
 void ReadTrajectories(const fs::path& model, refine::Input& input) {
   if (fs::exists(model / "keyframes.txt")) {
@@ -70,12 +78,26 @@ SemanticMap ReadSemantics(const fs::path& directory, const Reconstruction& model
   return semantics;
 }
 
-refine::Input ReadInput(const fs::path& model, const fs::path& semantics) {
+std::string Given(const po::variables_map& arguments, const std::string& name) {
+  return arguments.count(name) > 0 ? arguments[name].as<std::string>() : "";
+}
+
+void ReadConstraints(const po::variables_map& arguments, refine::Input& input) {
+  const std::string constant = Given(arguments, "constant");
+  if (!constant.empty()) ReadConstantParts(constant, input.model, input.constraints);
+  const std::string priors = Given(arguments, "pose-priors");
+  if (priors.empty()) return;
+  ReadPosePriors(priors, input.model, input.image_times_s, input.constraints);
+}
+
+refine::Input ReadInput(const po::variables_map& arguments) {
+  const fs::path model = Required(arguments, "model");
   if (!fs::is_directory(model)) ThrowInputError("{}: no such folder", model.string());
   refine::Input input;
   input.model = ReadColmapModel(model);
   ReadTrajectories(model, input);
-  input.semantics = ReadSemantics(semantics, input.model);
+  input.semantics = ReadSemantics(Given(arguments, "semantics"), input.model);
+  ReadConstraints(arguments, input);
   return input;
 }
 
@@ -94,6 +116,9 @@ void WriteOutput(const fs::path& model, const refine::Options& options,
   }
   WriteJson(directory / "planes.json", PlanesToJson(output.semantics));
   WritePlanesPly(output.semantics, directory / "planes.ply");
+  if (output.covariance.computed) {
+    WriteJson(directory / "covariance.json", ToJson(output.covariance, output.model));
+  }
   CopyIfPresent(model / "descriptors.bin", directory / "descriptors.bin");
   CopyIfPresent(model / "project.ini", directory / "project.ini");
   WriteJson(directory / "report.json", report);
@@ -102,14 +127,14 @@ void WriteOutput(const fs::path& model, const refine::Options& options,
 
 void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   const fs::path model = Required(arguments, "model");
-  const fs::path semantics =
-      arguments.count("semantics") > 0 ? arguments["semantics"].as<std::string>() : "";
   OutputDirectory directory(Required(arguments, "output"), common.overwrite);
   auto options = LoadOptions<refine::Options>(common);
   options.num_threads = common.threads;
+  options.covariance.enabled |= arguments.count("covariance") > 0;
+  if (arguments.count("gravity") > 0) options.gravity.mode = GravityMode::kFloor;
 
   const Timer timer;
-  const refine::Input input = ReadInput(model, semantics);
+  const refine::Input input = ReadInput(arguments);
   const double read_s = timer.Seconds();
   refine::Output output;
   refine::Report report = refine::Run(options, input, output);
@@ -131,6 +156,12 @@ int main(int argc, char** argv) {
   auto add = program.arguments.add_options();
   add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model to refine");
   add("semantics", po::value<std::string>()->value_name("DIR"), "what s3-lift wrote for it");
+  add("constant", po::value<std::string>()->value_name("FILE"),
+      "JSON: images and points that stay as they are");
+  add("pose-priors", po::value<std::string>()->value_name("FILE"),
+      "poses known beforehand (TUM with two sigmas)");
+  add("covariance", "write covariance.json: short for --set covariance.enabled=true");
+  add("gravity", "z up and the floor at z = 0: short for --set gravity.mode=floor");
   add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
   tools::SetConfiguration(refine::Options(), program);
   return tools::RunProgram(argc, argv, program);

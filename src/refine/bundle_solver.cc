@@ -2,6 +2,7 @@
 
 #include <ceres/ceres.h>
 
+#include <algorithm>
 #include <deque>
 #include <set>
 #include <stdexcept>
@@ -9,6 +10,7 @@
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/refine/cost_functions.h"
+#include "s3lam/refine/pose_prior_cost.h"
 
 namespace s3lam {
 namespace {
@@ -36,6 +38,9 @@ class CeresBundle {
     AddObservations();
     AddPlanes();
     AddHeights();
+    AddPosePriors();
+    FreeCameras();
+    HoldPoints();
     HoldGauge();
   }
 
@@ -67,6 +72,47 @@ class CeresBundle {
       return std::numeric_limits<double>::infinity();
     }
     return cost;
+  }
+
+  BundleLinearization Linearize() {
+    BundleLinearization linear;
+    ceres::Problem::EvaluateOptions evaluate;
+    int columns = 0;
+    const auto add = [&](double* block) {
+      if (!problem_.HasParameterBlock(block) || problem_.IsParameterBlockConstant(block)) return -1;
+      evaluate.parameter_blocks.push_back(block);
+      const int first = columns;
+      columns += problem_.ParameterBlockTangentSize(block);
+      return first;
+    };
+    linear.full_from_pose.resize(bundle_.poses.size());
+    for (size_t i = 0; i < bundle_.poses.size(); ++i) {
+      double* pose = Pose(static_cast<int>(i));
+      linear.pose_columns.push_back(add(pose));
+      if (linear.pose_columns.back() < 0) continue;
+      Eigen::Matrix<double, 7, Eigen::Dynamic, Eigen::RowMajor> plus(
+          7, problem_.ParameterBlockTangentSize(pose));
+      problem_.GetManifold(pose)->PlusJacobian(pose, plus.data());
+      linear.full_from_pose[i] = ComputePoseMinusJacobian(pose) * plus;
+    }
+    for (AnchoredPlane& plane : bundle_.planes) {
+      linear.plane_columns.push_back(add(plane.parameters.data()));
+    }
+    add(&bundle_.height);
+    for (Camera& camera : bundle_.cameras) add(camera.params.data());
+    linear.num_other_columns = columns;
+    for (Eigen::Vector3d& point : bundle_.points) {
+      const int column = add(point.data());
+      if (column >= 0) linear.point_columns.push_back(column);
+    }
+    ceres::CRSMatrix rows;
+    if (!problem_.Evaluate(evaluate, nullptr, nullptr, nullptr, &rows)) {
+      throw std::runtime_error("the bundle cannot be linearised: a point is behind its camera");
+    }
+    linear.jacobian = Eigen::Map<const Eigen::SparseMatrix<double, Eigen::RowMajor>>(
+        rows.num_rows, rows.num_cols, static_cast<Eigen::Index>(rows.values.size()),
+        rows.rows.data(), rows.cols.data(), rows.values.data());
+    return linear;
   }
 
  private:
@@ -148,6 +194,42 @@ class CeresBundle {
     }
   }
 
+  void AddPosePriors() {
+    for (const PosePriorTerm& term : bundle_.pose_priors) {
+      if (!used_poses_.contains(term.pose)) continue;
+      others_.push_back(std::make_unique<PosePriorCost>(term.cam_from_world, term.sigma_position,
+                                                        term.sigma_rotation));
+      problem_.AddResidualBlock(others_.back().get(), &reprojection_loss_, Pose(term.pose));
+    }
+  }
+
+  /// Camera parameters are constant but for those asked for.
+  void FreeCameras() {
+    for (size_t c = 0; c < bundle_.free_camera_params.size(); ++c) {
+      const std::vector<int>& free = bundle_.free_camera_params[c];
+      std::vector<double>& params = bundle_.cameras[c].params;
+      if (free.empty() || !problem_.HasParameterBlock(params.data())) continue;
+      problem_.SetParameterBlockVariable(params.data());
+      std::vector<int> held;
+      for (int i = 0; i < static_cast<int>(params.size()); ++i) {
+        if (std::find(free.begin(), free.end(), i) == free.end()) held.push_back(i);
+      }
+      if (held.empty()) continue;
+      camera_manifolds_.push_back(
+          std::make_unique<ceres::SubsetManifold>(static_cast<int>(params.size()), held));
+      problem_.SetManifold(params.data(), camera_manifolds_.back().get());
+    }
+  }
+
+  void HoldPoints() {
+    for (size_t j = 0; j < bundle_.point_is_constant.size(); ++j) {
+      double* point = bundle_.points[j].data();
+      if (bundle_.point_is_constant[j] != 0 && problem_.HasParameterBlock(point)) {
+        problem_.SetParameterBlockConstant(point);
+      }
+    }
+  }
+
   double* UsePlane(int index) {
     double* block = bundle_.planes[index].parameters.data();
     if (!problem_.HasParameterBlock(block)) {
@@ -221,6 +303,7 @@ class CeresBundle {
   PoseManifold pose_manifold_;
   AnchoredPlaneManifold plane_manifold_;
   std::unique_ptr<HeldDistancePoseManifold> scale_manifold_;
+  std::vector<std::unique_ptr<ceres::SubsetManifold>> camera_manifolds_;
   std::deque<ReprojectionCost> reprojections_;
   std::deque<PointFixedPlaneCost> fixed_planes_;
   std::deque<PointPlaneCost> point_planes_;
@@ -255,6 +338,12 @@ BundleSolverReport SolveBundle(const BundleSolverOptions& options, BundleProblem
     return report;
   }
   return CeresBundle(options, problem).Solve();
+}
+
+BundleLinearization LinearizeBundle(const BundleSolverOptions& options,
+                                    const BundleProblem& problem) {
+  BundleProblem copy = problem;
+  return CeresBundle(options, copy).Linearize();
 }
 
 double BundleCost(const BundleSolverOptions& options, const BundleProblem& problem) {

@@ -1,9 +1,11 @@
 #include "s3lam/refine/pipeline.h"
 
+#include <algorithm>
 #include <array>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
+#include "s3lam/refine/constraints.h"
 #include "s3lam/refine/frames.h"
 #include "s3lam/refine/plane_output.h"
 
@@ -11,11 +13,12 @@ namespace s3lam::refine {
 namespace {
 
 ArmState Snapshot(const std::string& name, const BundleMap& map) {
-  return {name, map.problem.poses, map.problem.points};
+  return {name, map.problem.cameras, map.problem.poses, map.problem.points};
 }
 
 void CheckUsable(const BundleMap& map) {
-  if (map.problem.observations.empty() || map.problem.gauge.scale_pose < 0) {
+  const Gauge& gauge = map.problem.gauge;
+  if (map.problem.observations.empty() || (gauge.fixed_pose >= 0 && gauge.scale_pose < 0)) {
     ThrowInputError(
         "the model cannot be adjusted: of {} images and {} points, no two images at different "
         "places see common points",
@@ -49,7 +52,7 @@ void CarryUnusedImages(const Reconstruction& original, BundleMap& map) {
   const std::vector<uint8_t> used = UsedPoses(map.problem);
   const std::vector<MovedKeyframe> keyframes = MovedKeyframes(original, map, order);
   for (size_t i = 0; i < used.size(); ++i) {
-    if (used[i] != 0) continue;
+    if (used[i] != 0 || map.problem.pose_is_constant[i] != 0) continue;
     const Rigid3& old_pose = original.images.at(map.image_ids[i]).cam_from_world;
     const Trajectory carried = CarryFrames({{order[i], old_pose.Inverse()}}, keyframes);
     map.problem.poses[i] = ToPoseBlock(carried.front().world_from_camera.Inverse());
@@ -72,32 +75,82 @@ void MoveTrajectories(const Options& options, const Input& input, const BundleMa
   }
 }
 
-void ScaleTrajectory(double scale, Trajectory& trajectory) {
-  for (TimedPose& pose : trajectory) pose.world_from_camera.translation *= scale;
+void TransformTrajectory(const Similarity3& new_from_old, Trajectory& trajectory) {
+  for (TimedPose& pose : trajectory) {
+    pose.world_from_camera =
+        TransformCameraPose(new_from_old, pose.world_from_camera.Inverse()).Inverse();
+  }
 }
 
-/// Everything in the output in metres, by the known height of the camera.
-void MakeMetric(double metres_per_unit, Output& output) {
-  const Similarity3 scaling{metres_per_unit, Eigen::Quaterniond::Identity(),
-                            Eigen::Vector3d::Zero()};
-  TransformReconstruction(scaling, output.model);
-  for (auto& [id, cluster] : output.semantics.clusters)
-    cluster.centroid_in_world *= metres_per_unit;
+/// Everything in the output into another world, or other units.
+void TransformOutput(const Similarity3& new_from_old, Output& output) {
+  TransformReconstruction(new_from_old, output.model);
+  for (auto& [id, cluster] : output.semantics.clusters) {
+    cluster.centroid_in_world = new_from_old * cluster.centroid_in_world;
+  }
   for (auto& [id, surface] : output.semantics.planes) {
-    surface.plane_in_world = TransformPlane(scaling, surface.plane_in_world);
-    surface.centroid_in_world *= metres_per_unit;
-    for (Eigen::Vector2d& corner : surface.extent) corner *= metres_per_unit;
-    surface.rms *= metres_per_unit;
-    // Two rotations [rad] and a shift [map units].
-    surface.covariance.row(2) *= metres_per_unit;
-    surface.covariance.col(2) *= metres_per_unit;
+    surface.plane_in_world = TransformPlane(new_from_old, surface.plane_in_world);
+    surface.centroid_in_world = new_from_old * surface.centroid_in_world;
+    surface.axis_u_in_world = new_from_old.rotation * surface.axis_u_in_world;
+    surface.axis_v_in_world = new_from_old.rotation * surface.axis_v_in_world;
+    for (Eigen::Vector2d& corner : surface.extent) corner *= new_from_old.scale;
+    surface.rms *= new_from_old.scale;
+    // Two rotations [rad] about the axes and a shift [map units].
+    surface.covariance.row(2) *= new_from_old.scale;
+    surface.covariance.col(2) *= new_from_old.scale;
   }
   output.semantics.model_fingerprint = FingerprintOfModel(output.model);
-  ScaleTrajectory(metres_per_unit, output.keyframes);
-  ScaleTrajectory(metres_per_unit, output.frames);
+  TransformTrajectory(new_from_old, output.keyframes);
+  TransformTrajectory(new_from_old, output.frames);
+}
+
+/// In metres, by the known height of the camera; upright, by the classes that are level or upright.
+/// Returns how the output was transformed.
+Similarity3 ChooseWorld(const Options& options, Output& output, Report& report) {
+  Similarity3 new_from_old;
+  if (report.ground.in_use && options.camera_height.value > 0.0) {
+    report.metres_per_unit = options.camera_height.value / report.ground.height;
+    new_from_old.scale = report.metres_per_unit;
+    TransformOutput(new_from_old, output);
+  }
+  if (options.gravity.mode == GravityMode::kOff) return new_from_old;
+  const auto upright_from_world =
+      AlignWithGravity(options.gravity, output.semantics, output.model, report.gravity);
+  if (!upright_from_world) {
+    spdlog::warn("the output is not aligned with gravity: {}", report.gravity.reason);
+    return new_from_old;
+  }
+  TransformOutput(*upright_from_world, output);
+  return *upright_from_world * new_from_old;
+}
+
+/// Covariances at the solution, for what the output has.
+void AddCovariance(const Options& options, const BundleMap& map, const PlaneModel& planes,
+                   const SemanticMap& semantics, const Similarity3& new_from_old, Output& output) {
+  const auto covariance = ComputeCovariance(options.covariance, options.solver, map.problem);
+  if (!covariance) {
+    spdlog::warn("no covariances: the observations leave something undetermined");
+    return;
+  }
+  output.covariance.computed = true;
+  for (size_t i = 0; i < map.image_ids.size(); ++i) {
+    if (!covariance->poses[i]) continue;
+    output.covariance.poses[map.image_ids[i]] = CenterCovariance(
+        *covariance->poses[i], FromPoseBlock(map.problem.poses[i].data()), new_from_old);
+  }
+  for (size_t k = 0; k < planes.planes.size(); ++k) {
+    const auto surface = semantics.planes.find(planes.planes[k].id);
+    if (!covariance->planes[k] || surface == semantics.planes.end()) continue;
+    Eigen::Matrix3d of_surface =
+        SurfaceCovariance(*covariance->planes[k], map.problem.planes[k], surface->second);
+    of_surface.row(2) *= new_from_old.scale;
+    of_surface.col(2) *= new_from_old.scale;
+    output.covariance.planes[surface->first] = of_surface;
+  }
 }
 
 double HeldDistance(const BundleProblem& problem) {
+  if (problem.gauge.scale_pose < 0) return 1.0;
   return (FromPoseBlock(problem.poses[problem.gauge.scale_pose].data()).CenterInB() -
           FromPoseBlock(problem.poses[problem.gauge.fixed_pose].data()).CenterInB())
       .norm();
@@ -114,6 +167,39 @@ void CountUse(const BundleMap& map, Report& report) {
   }
 }
 
+/// Bundle adjustment without planes, with the camera parameters that may change; again from the
+/// start with all cameras kept if one ends where it cannot be believed. From here on cameras stay.
+std::vector<OuterIteration> AdjustCameras(const Options& options, BundleMap& map,
+                                          std::vector<IntrinsicsReport>& reports) {
+  if (!options.intrinsics.Any()) return AdjustPlain(options, map);
+  const BundleMap given = map;
+  reports = FreeIntrinsics(options.intrinsics, map);
+  const std::vector<Camera> before = map.problem.cameras;
+  auto iterations = AdjustPlain(options, map);
+  map.problem.free_camera_params.clear();
+  std::string doubts;
+  for (size_t c = 0; c < before.size() && doubts.empty(); ++c) {
+    doubts = DoubtsAboutCamera(options.intrinsics, before[c], map.problem.cameras[c]);
+    if (doubts.empty()) continue;
+    doubts = fmt::format("camera {}: {}", given.camera_ids[c].front().value(), doubts);
+  }
+  if (!doubts.empty()) {
+    spdlog::warn("all cameras are kept as given: {}", doubts);
+    map = given;
+    iterations = AdjustPlain(options, map);
+  }
+  for (IntrinsicsReport& report : reports) {
+    if (report.refined && !doubts.empty()) report.reason = doubts;
+    report.refined = report.refined && doubts.empty();
+    for (size_t c = 0; c < map.camera_ids.size(); ++c) {
+      const auto& ids = map.camera_ids[c];
+      if (std::find(ids.begin(), ids.end(), report.cameras.front()) == ids.end()) continue;
+      report.after = map.problem.cameras[c].params;
+    }
+  }
+  return iterations;
+}
+
 std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_t members) {
   if (options.planes.mode == PlaneMode::kOff) return {};
   if (planes.planes.empty()) return "no planes given: plain bundle adjustment";
@@ -126,11 +212,14 @@ std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_
 void Options::Visit(OptionVisitor& v) {
   v.Group("solver", solver, "The bundle adjustment.");
   v.Group("outliers", outliers, "Observations that are left out.");
+  v.Group("intrinsics", intrinsics, "Camera parameters that are refined.");
   v.Group("planes", planes, "Planes and the points on them.");
   v.Group("bending", bending, "Surfaces that bend: cut into pieces.");
   v.Group("relations", relations, "Planes that are parallel, orthogonal or coplanar.");
   v.Group("camera_height", camera_height, "The camera keeps its height above the ground.");
   v.Group("frames", frames, "Frames that are no keyframes.");
+  v.Group("gravity", gravity, "Which way is up in the output.");
+  v.Group("covariance", covariance, "How certain the result is.");
   v.Group("outer", outer, "Rounds of solving and choosing inliers.");
 }
 
@@ -143,7 +232,8 @@ Report Run(const Options& options, const Input& input, Output& output) {
     const ScopedStep step(report.seconds, "build");
     map = BuildBundleMap(input.model);
     SelectObservations(options.outliers, sigma_px, true, map);
-    map.problem.gauge = ChooseGauge(map.problem);
+    ApplyConstraints(input.constraints, map);
+    map.problem.gauge = ChooseGaugeWithConstraints(map.problem);
     CheckUsable(map);
     planes = BuildPlaneModel(options.planes.membership, input.semantics, map);
     CutBendingPlanes(options.bending, input.semantics.class_table, sigma_px, planes, map.problem);
@@ -152,7 +242,7 @@ Report Run(const Options& options, const Input& input, Output& output) {
   const double held_distance = HeldDistance(map.problem);
   {
     const ScopedStep step(report.seconds, "plain");
-    report.iterations = AdjustPlain(options, map);
+    report.iterations = AdjustCameras(options, map, report.cameras);
     arms.push_back(Snapshot("plain", map));
   }
   {
@@ -176,9 +266,11 @@ Report Run(const Options& options, const Input& input, Output& output) {
   output.semantics =
       RefinedSemantics(input.semantics, planes, map, output.model, options.planes.sigma, sigma_px);
   MoveTrajectories(options, input, map, output, report);
-  if (report.ground.in_use && options.camera_height.value > 0.0) {
-    report.metres_per_unit = options.camera_height.value / report.ground.height;
-    MakeMetric(report.metres_per_unit, output);
+  const SemanticMap semantics = output.semantics;
+  const Similarity3 new_from_old = ChooseWorld(options, output, report);
+  if (options.covariance.enabled) {
+    const ScopedStep covariance_step(report.seconds, "covariance");
+    AddCovariance(options, map, planes, semantics, new_from_old, output);
   }
   report.peak_memory_mib = PeakMemoryMiB();
   return report;

@@ -83,6 +83,7 @@ BundleMap BuildBundleMap(const Reconstruction& reconstruction) {
   for (const auto& [id, camera] : reconstruction.cameras) {
     camera_index[id] = static_cast<int>(map.problem.cameras.size());
     map.problem.cameras.push_back(camera);
+    map.camera_ids.push_back({id});
   }
   std::map<ImageId, int> image_index;
   for (const auto& [id, image] : reconstruction.images) {
@@ -213,7 +214,13 @@ std::vector<double> PixelSizes(const BundleProblem& problem) {
 
 Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& original) {
   Reconstruction result = original;
+  for (size_t c = 0; c < map.camera_ids.size(); ++c) {
+    for (const CameraId id : map.camera_ids[c]) {
+      result.cameras.at(id).params = map.problem.cameras[c].params;
+    }
+  }
   for (size_t i = 0; i < map.image_ids.size(); ++i) {
+    if (map.problem.pose_is_constant[i] != 0) continue;  // To the last bit.
     result.images.at(map.image_ids[i]).cam_from_world = FromPoseBlock(map.problem.poses[i].data());
   }
   for (size_t j = 0; j < map.point_ids.size(); ++j) {

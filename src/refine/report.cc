@@ -32,7 +32,7 @@ double ReprojectionRms(const BundleProblem& problem, const ArmState& state) {
   double sum = 0.0;
   size_t count = 0;
   for (const BundleObservation& o : problem.observations) {
-    const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
+    const Camera& camera = state.cameras[problem.camera_of_pose[o.pose]];
     Eigen::Vector2d pixel;
     if (!ProjectPoint(camera.model, camera.params.data(), poses[o.pose] * state.points[o.point],
                       &pixel, nullptr)) {

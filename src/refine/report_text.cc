@@ -92,6 +92,44 @@ std::string Row(const std::string& name, size_t columns, Function&& value) {
   return row + '\n';
 }
 
+json GravityToJson(const GravityReport& gravity) {
+  return {{"aligned", gravity.aligned},
+          {"reason", gravity.reason},
+          {"planes", gravity.num_planes},
+          {"planes_agreeing", gravity.num_agreeing},
+          {"deviation_deg", gravity.deviation_deg},
+          {"turned_deg", gravity.turned_deg},
+          {"floor_plane", gravity.floor.valid() ? json(gravity.floor.value()) : json()},
+          {"floor_class", gravity.floor_class}};
+}
+
+json CamerasToJson(const RefineReport& report) {
+  json cameras = json::array();
+  for (const IntrinsicsReport& camera : report.cameras) {
+    json ids = json::array();
+    for (const CameraId id : camera.cameras) ids.push_back(id.value());
+    cameras.push_back({{"cameras", ids},
+                       {"model", camera.model},
+                       {"refined", camera.refined},
+                       {"reason", camera.reason},
+                       {"params_before", camera.before},
+                       {"params_after", camera.after}});
+  }
+  return cameras;
+}
+
+std::string CamerasToTable(const RefineReport& report) {
+  std::string text;
+  for (const IntrinsicsReport& camera : report.cameras) {
+    text += fmt::format("\ncamera {} {}: ", camera.cameras.front().value(), camera.model);
+    text += camera.refined ? fmt::format("{:.6g} -> {:.6g}", fmt::join(camera.before, " "),
+                                         fmt::join(camera.after, " "))
+                           : "kept, " + camera.reason;
+    text += '\n';
+  }
+  return text;
+}
+
 }  // namespace
 
 json ToJson(const RefineReport& report) {
@@ -125,6 +163,8 @@ json ToJson(const RefineReport& report) {
             {"spread_before", report.ground.spread_before},
             {"spread_after", report.ground.spread_after}}},
           {"frames", {{"total", report.frames.num_frames}, {"refined", report.frames.num_refined}}},
+          {"gravity", GravityToJson(report.gravity)},
+          {"cameras", CamerasToJson(report)},
           {"arms", arms},
           {"planes", PlanesToJson(report)},
           {"plane_pairs", PairsToJson(report)},
@@ -174,6 +214,14 @@ std::string ToTable(const RefineReport& report) {
         "\nframes {}: {} refined against the map, the others moved with the keyframes\n",
         report.frames.num_frames, report.frames.num_refined);
   }
+  if (report.gravity.aligned) {
+    text += fmt::format("\nz points up by {} planes, RMS {:.2f} deg{}\n",
+                        report.gravity.num_agreeing, report.gravity.deviation_deg,
+                        report.gravity.floor.valid()
+                            ? fmt::format("; {} is at z = 0", report.gravity.floor_class)
+                            : "");
+  }
+  text += CamerasToTable(report);
   double total = 0.0;
   for (const auto& [step, seconds] : report.seconds) total += seconds;
   text += fmt::format("\ntime {:.2f} s   peak memory {:.0f} MiB\n", total, report.peak_memory_mib);

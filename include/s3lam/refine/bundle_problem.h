@@ -42,6 +42,14 @@ struct HeightTerm {
   double sigma_relative = 0.01;
 };
 
+/// A pose is known beforehand; a sigma of zero: not known.
+struct PosePriorTerm {
+  int pose = 0;
+  Rigid3 cam_from_world;
+  double sigma_position = 0.0;  // [map units]
+  double sigma_rotation = 0.0;  // [rad]
+};
+
 enum class PlaneRelation {
   kParallel,
   kOrthogonal,
@@ -61,7 +69,8 @@ struct RelationTerm {
 };
 
 /// What holds the seven freedoms of the world frame: a constant pose (six) and a second camera
-/// whose centre keeps its distance to the first one's (the scale). Indices into poses.
+/// whose centre keeps its distance to the first one's (the scale). Indices into poses; -1 where
+/// something else holds them.
 struct Gauge {
   int fixed_pose = -1;
   int scale_pose = -1;
@@ -75,6 +84,10 @@ struct BundleProblem {
   std::vector<int> camera_of_pose;
   std::vector<uint8_t> pose_is_constant;
   std::vector<Eigen::Vector3d> points;
+  std::vector<uint8_t> point_is_constant;  // Empty: none.
+  /// Per camera: indices of the parameters that are optimised; empty: of no camera.
+  std::vector<std::vector<int>> free_camera_params;
+  std::vector<PosePriorTerm> pose_priors;
   /// Grouped by point, points ascending.
   std::vector<BundleObservation> observations;
   std::vector<AnchoredPlane> planes;

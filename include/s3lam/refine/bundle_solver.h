@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/SparseCore>
 #include <functional>
 #include <string>
 
@@ -39,6 +40,19 @@ struct BundleSolverReport {
 /// to run. Throws std::runtime_error, leaving the problem as it was, if the options are refused or
 /// the solution is not usable.
 BundleSolverReport SolveBundle(const BundleSolverOptions& options, BundleProblem& problem);
+
+/// Derivatives of all residuals of SolveBundle, weighted by the robust losses, at the present
+/// values. Columns: poses, planes, height and cameras, as far as they are estimated, then points.
+struct BundleLinearization {
+  Eigen::SparseMatrix<double> jacobian;
+  int num_other_columns = 0;                    // Before the points' columns.
+  std::vector<int> pose_columns;                // Per pose: its first column; -1 if it is constant.
+  std::vector<Eigen::MatrixXd> full_from_pose;  // Per pose: (w, v) by its columns' tangent.
+  std::vector<int> plane_columns;  // Per plane: its first column (of three); -1 if constant.
+  std::vector<int> point_columns;  // First column of every estimated point, ascending.
+};
+BundleLinearization LinearizeBundle(const BundleSolverOptions& options,
+                                    const BundleProblem& problem);
 
 /// The cost SolveBundle minimises at the present values (infinity with a point behind a camera).
 double BundleCost(const BundleSolverOptions& options, const BundleProblem& problem);

@@ -7,6 +7,7 @@
 #include "s3lam/refine/bending_planes.h"
 #include "s3lam/refine/bundle_solver.h"
 #include "s3lam/refine/ground.h"
+#include "s3lam/refine/intrinsics.h"
 #include "s3lam/refine/plane_model.h"
 #include "s3lam/refine/problem_builder.h"
 #include "s3lam/refine/relations.h"
@@ -32,6 +33,7 @@ struct OuterIteration {
 struct OuterLoopSettings {
   BundleSolverOptions solver;
   OutlierOptions outliers;
+  IntrinsicsOptions intrinsics;
   PlaneOptions planes;
   BendingOptions bending;
   RelationOptions relations;

@@ -3,9 +3,12 @@
 #include <vector>
 
 #include "s3lam/base/options.h"
+#include "s3lam/refine/covariance.h"
 #include "s3lam/refine/frame_refinement.h"
+#include "s3lam/refine/gravity.h"
 #include "s3lam/refine/outer_loop.h"
 #include "s3lam/refine/report.h"
+#include "s3lam/scene/constraints.h"
 #include "s3lam/scene/reconstruction.h"
 #include "s3lam/scene/semantic_map.h"
 #include "s3lam/scene/trajectory.h"
@@ -14,6 +17,8 @@ namespace s3lam::refine {
 
 struct Options : OuterLoopSettings {
   FrameRefinementOptions frames;
+  GravityOptions gravity;
+  CovarianceOptions covariance;
   int num_threads = 0;  // Not a configuration value: results do not depend on it.
 
   void Visit(OptionVisitor& v);
@@ -27,6 +32,7 @@ struct Input {
   Trajectory frames;  // Poses of all frames in the model's world; may be empty.
   /// What frames that are no images of the model see of its points; may be empty.
   FrameObservations observations;
+  Constraints constraints;
 };
 
 struct Output {
@@ -35,6 +41,7 @@ struct Output {
   Trajectory keyframes;  // The model's images, if their times are known.
   Trajectory frames;
   FrameObservations observations;  // Those of points that are left.
+  OutputCovariance covariance;     // If asked for.
 };
 
 using Report = RefineReport;
@@ -43,8 +50,9 @@ using Report = RefineReport;
 ///   sum_ij rho(|| x_ij - proj(T_i, X_j) ||) + sum_k sum_{j in O_k} rho(|| pi_k^T X_j || / sigma_j)
 /// over poses and points (and planes, if joint), in rounds between which outliers and the points of
 /// planes are chosen anew. The frame of the first image and the distance to the farthest one are
-/// held. Throws InputError if the model cannot be adjusted (fewer than two images that see common
-/// points), std::runtime_error if the adjustment fails.
+/// held, unless constant parts or pose priors hold the world. Throws InputError if the model cannot
+/// be adjusted (fewer than two images that see common points), std::runtime_error if the adjustment
+/// fails.
 Report Run(const Options& options, const Input& input, Output& output);
 
 }  // namespace s3lam::refine

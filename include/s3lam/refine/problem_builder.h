@@ -21,7 +21,9 @@ struct OutlierOptions {
 /// in `observations`; the problem holds those that are in use at the moment.
 struct BundleMap {
   BundleProblem problem;
-  std::vector<ImageId> image_ids;               // Per pose, ascending.
+  std::vector<ImageId> image_ids;  // Per pose, ascending.
+  /// Per camera of the problem: those of the model that it stands for.
+  std::vector<std::vector<CameraId>> camera_ids;
   std::vector<PointId> point_ids;               // Per point, ascending.
   std::vector<TrackElement> elements;           // Per observation.
   std::vector<BundleObservation> observations;  // Grouped by point, points ascending.
@@ -62,9 +64,9 @@ std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& probl
 /// size of a pixel at the point [map units / px]; zero for a point that is not in use.
 std::vector<double> PixelSizes(const BundleProblem& problem);
 
-/// The reconstruction with refined poses and points, without the observations that are not in use
-/// and the points that have fewer than two left. Images that were not in the problem keep their
-/// pose.
+/// The reconstruction with refined cameras, poses and points, without the observations that are not
+/// in use and the points that have fewer than two left. Images that were not in the problem keep
+/// their pose.
 Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& original);
 
 }  // namespace s3lam

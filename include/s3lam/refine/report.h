@@ -6,6 +6,7 @@
 
 #include "s3lam/base/timer.h"
 #include "s3lam/refine/frame_refinement.h"
+#include "s3lam/refine/gravity.h"
 #include "s3lam/refine/outer_loop.h"
 #include "s3lam/scene/semantic_map.h"
 
@@ -55,6 +56,8 @@ struct RefineReport {
   double gauge_scale_change = 0.0;  // Of the held distance, relative: zero if the gauge held.
   GroundReport ground;
   FrameRefinementReport frames;
+  GravityReport gravity;
+  std::vector<IntrinsicsReport> cameras;  // If any were to be refined.
   std::vector<ArmReport> arms;
   std::vector<PlaneReport> planes;
   std::vector<PlanePairReport> pairs;
@@ -63,9 +66,10 @@ struct RefineReport {
   double peak_memory_mib = 0.0;
 };
 
-/// Poses and points of one arm.
+/// Cameras, poses and points of one arm.
 struct ArmState {
   std::string name;
+  std::vector<Camera> cameras;
   std::vector<PoseBlock> poses;
   std::vector<Eigen::Vector3d> points;
 };

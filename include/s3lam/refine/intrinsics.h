@@ -1,0 +1,53 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/refine/problem_builder.h"
+
+namespace s3lam {
+
+/// Which camera parameters are optimised, and how far they may go.
+struct IntrinsicsOptions {
+  bool focal_length = false;
+  bool principal_point = false;
+  bool distortion = false;
+  bool shared = false;
+  std::vector<std::string> cameras;
+  int min_images = 5;
+  int min_observations = 500;
+  double max_focal_change = 0.2;
+  double max_principal_shift = 0.1;
+
+  void Visit(OptionVisitor& v);
+  [[nodiscard]] bool Any() const { return focal_length || principal_point || distortion; }
+};
+
+/// What became of one camera (or of several that share their parameters).
+struct IntrinsicsReport {
+  std::vector<CameraId> cameras;
+  std::string model;
+  bool refined = false;
+  std::string reason;  // Why not, if not.
+  std::vector<double> before;
+  std::vector<double> after;
+};
+
+/// Indices of the parameters of a camera model that the options ask for.
+std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel model);
+
+/// If `shared`, lets all cameras of one model and image size be one, which starts from the first
+/// one's parameters; frees the parameters asked for of the cameras that enough images and
+/// observations in use see. Says of every camera whether and why not. Throws InputError for a
+/// camera in the options that the map does not have.
+std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map);
+
+/// Why the refined parameters of a camera cannot be believed; empty if they can: the focal length
+/// changed by at most max_focal_change, the principal point moved by at most max_principal_shift of
+/// the image's larger side, and the distortion can be inverted all along the image's border if it
+/// could before.
+std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& before,
+                              const Camera& after);
+
+}  // namespace s3lam

@@ -1,0 +1,121 @@
+#include "s3lam/refine/constraints.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+
+#include "s3lam/base/error.h"
+
+namespace s3lam {
+namespace {
+
+/// Places within this part of their extent from a line leave the rotation about it open.
+constexpr double kLeastWidth = 1e-3;
+
+Eigen::Vector3d CenterOf(const BundleProblem& problem, int pose) {
+  return FromPoseBlock(problem.poses[pose].data()).CenterInB();
+}
+
+/// The pose in use that is farthest from the centre of another, and its distance.
+std::pair<int, double> FarthestPose(const BundleProblem& problem, const std::vector<uint8_t>& used,
+                                    int from) {
+  const Eigen::Vector3d center = CenterOf(problem, from);
+  std::pair<int, double> farthest{-1, 0.0};
+  for (size_t i = 0; i < problem.poses.size(); ++i) {
+    if (used[i] == 0 || static_cast<int>(i) == from) continue;
+    const double distance = (CenterOf(problem, static_cast<int>(i)) - center).norm();
+    if (distance > farthest.second) farthest = {static_cast<int>(i), distance};
+  }
+  return farthest;
+}
+
+bool DifferentPlaces(const std::vector<Eigen::Vector3d>& places) {
+  return std::any_of(places.begin(), places.end(), [&](const Eigen::Vector3d& place) {
+    return (place - places.front()).norm() > 0.0;
+  });
+}
+
+/// True if not all places are on one line.
+bool SpanPlane(const std::vector<Eigen::Vector3d>& places) {
+  if (places.size() < 3) return false;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& place : places) mean += place / static_cast<double>(places.size());
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& place : places) {
+    scatter += (place - mean) * (place - mean).transpose();
+  }
+  const Eigen::Vector3d extents =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter, Eigen::EigenvaluesOnly).eigenvalues();
+  return extents[1] > kLeastWidth * kLeastWidth * extents[2];
+}
+
+/// True if the known places and poses leave no freedom: one full pose and one more place, or places
+/// that are not on a line.
+bool HoldEverything(const BundleProblem& problem, const std::vector<uint8_t>& used_poses) {
+  std::vector<Eigen::Vector3d> places;
+  size_t full_poses = 0;
+  for (size_t i = 0; i < problem.poses.size(); ++i) {
+    if (used_poses[i] == 0 || problem.pose_is_constant[i] == 0) continue;
+    places.push_back(CenterOf(problem, static_cast<int>(i)));
+    ++full_poses;
+  }
+  for (const PosePriorTerm& prior : problem.pose_priors) {
+    if (used_poses[prior.pose] == 0 || !(prior.sigma_position > 0.0)) continue;
+    places.push_back(prior.cam_from_world.CenterInB());
+    full_poses += prior.sigma_rotation > 0.0;
+  }
+  int previous = -1;
+  for (const BundleObservation& o : problem.observations) {
+    if (o.point == previous || problem.point_is_constant.empty()) continue;
+    previous = o.point;
+    if (problem.point_is_constant[o.point] == 0) continue;
+    places.push_back(problem.points[o.point]);
+  }
+  return SpanPlane(places) || (full_poses >= 1 && DifferentPlaces(places));
+}
+
+}  // namespace
+
+void ApplyConstraints(const Constraints& constraints, BundleMap& map) {
+  BundleProblem& problem = map.problem;
+  const auto pose_of = [&](ImageId id) {
+    const auto it = std::lower_bound(map.image_ids.begin(), map.image_ids.end(), id);
+    return it != map.image_ids.end() && *it == id ? static_cast<int>(it - map.image_ids.begin())
+                                                  : -1;
+  };
+  for (const ImageId id : constraints.constant_images) {
+    const int pose = pose_of(id);
+    if (pose >= 0) problem.pose_is_constant[pose] = 1;
+  }
+  if (!constraints.constant_points.empty()) {
+    problem.point_is_constant.assign(problem.points.size(), 0);
+  }
+  for (const PointId id : constraints.constant_points) {
+    const int point = map.IndexOfPoint(id);
+    if (point >= 0) problem.point_is_constant[point] = 1;
+  }
+  for (const PosePrior& prior : constraints.pose_priors) {
+    const int pose = pose_of(prior.image_id);
+    if (pose < 0) ThrowInputError("pose prior of image {}: no such image", prior.image_id.value());
+    problem.pose_priors.push_back(
+        {pose, prior.cam_from_world, prior.sigma_position, prior.sigma_rotation});
+  }
+}
+
+Gauge ChooseGaugeWithConstraints(const BundleProblem& problem) {
+  std::vector<uint8_t> used(problem.poses.size(), 0);
+  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
+  if (HoldEverything(problem, used)) return {};
+  if (!problem.pose_priors.empty()) {
+    ThrowInputError(
+        "the pose priors and constant parts leave place, rotation or scale of the map open: they "
+        "need one pose and another position, or three positions that are not on a line");
+  }
+  for (size_t i = 0; i < problem.poses.size(); ++i) {
+    if (used[i] == 0 || problem.pose_is_constant[i] == 0) continue;
+    const int fixed = static_cast<int>(i);
+    return {fixed, FarthestPose(problem, used, fixed).first};
+  }
+  return ChooseGauge(problem);
+}
+
+}  // namespace s3lam

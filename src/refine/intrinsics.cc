@@ -1,0 +1,170 @@
+#include "s3lam/refine/intrinsics.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <tuple>
+
+#include "s3lam/base/error.h"
+
+namespace s3lam {
+namespace {
+
+/// A pixel of the border must come back from its ray to within this [px].
+constexpr double kRoundTrip = 0.01;
+constexpr int kBorderSteps = 8;
+
+/// One problem camera for all of a model and size; the others are left without poses.
+void ShareCameras(BundleMap& map) {
+  BundleProblem& problem = map.problem;
+  std::map<std::tuple<int, int, int>, int> first;
+  std::vector<int> replaced_by(problem.cameras.size());
+  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+    const Camera& camera = problem.cameras[c];
+    const auto key = std::tuple(static_cast<int>(camera.model), camera.width, camera.height);
+    const int index = first.emplace(key, static_cast<int>(c)).first->second;
+    replaced_by[c] = index;
+    if (index == static_cast<int>(c)) continue;
+    auto& ids = map.camera_ids[index];
+    ids.insert(ids.end(), map.camera_ids[c].begin(), map.camera_ids[c].end());
+    map.camera_ids[c].clear();
+  }
+  for (int& camera : problem.camera_of_pose) camera = replaced_by[camera];
+}
+
+struct CameraUse {
+  std::set<int> poses;
+  int observations = 0;
+};
+
+std::vector<CameraUse> UseOfCameras(const BundleProblem& problem) {
+  std::vector<CameraUse> use(problem.cameras.size());
+  for (const BundleObservation& o : problem.observations) {
+    CameraUse& of_camera = use[problem.camera_of_pose[o.pose]];
+    of_camera.poses.insert(o.pose);
+    ++of_camera.observations;
+  }
+  return use;
+}
+
+std::set<CameraId> ChosenCameras(const IntrinsicsOptions& options, const BundleMap& map) {
+  std::set<CameraId> known;
+  for (const auto& ids : map.camera_ids) known.insert(ids.begin(), ids.end());
+  if (options.cameras.empty()) return known;
+  std::set<CameraId> chosen;
+  for (const std::string& name : options.cameras) {
+    const auto it = std::find_if(known.begin(), known.end(),
+                                 [&](CameraId id) { return std::to_string(id.value()) == name; });
+    if (it == known.end()) ThrowInputError("intrinsics.cameras: the model has no camera {}", name);
+    chosen.insert(*it);
+  }
+  return chosen;
+}
+
+/// The ray of every border pixel is found and leads back to it.
+bool InvertibleOnBorder(const Camera& camera) {
+  for (int step = 0; step < kBorderSteps; ++step) {
+    const double along = static_cast<double>(step) / kBorderSteps;
+    const double x = along * camera.width;
+    const double y = along * camera.height;
+    for (const Eigen::Vector2d& pixel : {Eigen::Vector2d(x, 0.0), Eigen::Vector2d(camera.width, y),
+                                         Eigen::Vector2d(camera.width - x, camera.height),
+                                         Eigen::Vector2d(0.0, camera.height - y)}) {
+      const auto ray = camera.CameraFromImage(pixel);
+      if (!ray) return false;
+      const auto back = camera.ImageFromCamera({ray->x(), ray->y(), 1.0});
+      if (!back || (*back - pixel).norm() > kRoundTrip) return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+void IntrinsicsOptions::Visit(OptionVisitor& v) {
+  v.Value("focal_length", focal_length, "refine focal lengths");
+  v.Value("principal_point", principal_point, "refine principal points");
+  v.Value("distortion", distortion, "refine what the camera models have of distortion");
+  v.Value("shared", shared,
+          "all cameras of one model and image size are one, starting as the first of them");
+  v.Value("cameras", cameras, "ids of the cameras that are refined; none: all");
+  v.Value("min_images", min_images, "a camera that fewer images were taken with is kept", 2,
+          1000000);
+  v.Value("min_observations", min_observations, "a camera with fewer observations is kept", 10,
+          1000000000);
+  v.Value("max_focal_change", max_focal_change,
+          "all cameras are kept if a focal length would change by more than this part", 0.0, 10.0);
+  v.Value("max_principal_shift", max_principal_shift,
+          "all cameras are kept if a principal point would move by more than this part of the "
+          "image's larger side",
+          0.0, 1.0);
+}
+
+std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel model) {
+  const int num_focal = CameraModelHasSingleFocal(model) ? 1 : 2;
+  std::vector<int> params;
+  for (int i = 0; i < CameraModelNumParams(model); ++i) {
+    const bool is_focal = i < num_focal;
+    const bool is_principal = !is_focal && i < num_focal + 2;
+    const bool wanted = is_focal       ? options.focal_length
+                        : is_principal ? options.principal_point
+                                       : options.distortion;
+    if (wanted) params.push_back(i);
+  }
+  return params;
+}
+
+std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map) {
+  BundleProblem& problem = map.problem;
+  const std::set<CameraId> chosen = ChosenCameras(options, map);
+  if (options.shared) ShareCameras(map);
+  const std::vector<CameraUse> use = UseOfCameras(problem);
+  problem.free_camera_params.assign(problem.cameras.size(), {});
+  std::vector<IntrinsicsReport> reports;
+  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+    if (map.camera_ids[c].empty()) continue;
+    IntrinsicsReport report;
+    report.cameras = map.camera_ids[c];
+    report.model = CameraModelName(problem.cameras[c].model);
+    report.before = report.after = problem.cameras[c].params;
+    const std::vector<int> params = RefinedParams(options, problem.cameras[c].model);
+    const auto num_images = static_cast<int>(use[c].poses.size());
+    if (std::none_of(report.cameras.begin(), report.cameras.end(),
+                     [&](CameraId id) { return chosen.contains(id); })) {
+      report.reason = "not asked for";
+    } else if (params.empty()) {
+      report.reason = "the model has no such parameters";
+    } else if (num_images < options.min_images || use[c].observations < options.min_observations) {
+      report.reason = fmt::format("only {} images and {} observations of it are in use", num_images,
+                                  use[c].observations);
+    } else {
+      problem.free_camera_params[c] = params;
+      report.refined = true;
+    }
+    reports.push_back(std::move(report));
+  }
+  return reports;
+}
+
+std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& before,
+                              const Camera& after) {
+  for (const auto& [was, is] :
+       {std::pair(before.FocalX(), after.FocalX()), std::pair(before.FocalY(), after.FocalY())}) {
+    if (!(std::abs(is / was - 1.0) <= options.max_focal_change)) {
+      return fmt::format("its focal length would become {:.6g} px instead of {:.6g} px", is, was);
+    }
+  }
+  const double shift = std::hypot(after.PrincipalX() - before.PrincipalX(),
+                                  after.PrincipalY() - before.PrincipalY());
+  if (!(shift <= options.max_principal_shift * std::max(before.width, before.height))) {
+    return fmt::format("its principal point would move by {:.6g} px", shift);
+  }
+  if (InvertibleOnBorder(before) && !InvertibleOnBorder(after)) {
+    return "its distortion could no longer be inverted at the image's border";
+  }
+  return {};
+}
+
+}  // namespace s3lam

@@ -1,0 +1,144 @@
+#include "s3lam/refine/intrinsics.h"
+
+#include <gtest/gtest.h>
+
+#include "refine/refine_fixture.h"
+#include "s3lam/base/error.h"
+#include "support/test_scene.h"
+
+namespace s3lam::refine {
+namespace {
+
+const std::vector<std::string> kPlainWithFocal{"planes.mode=off", "intrinsics.focal_length=true"};
+
+TEST(RefineIntrinsics, ParametersAreChosenByTheirMeaning) {
+  IntrinsicsOptions focal;
+  focal.focal_length = true;
+  IntrinsicsOptions rest;
+  rest.principal_point = rest.distortion = true;
+  using Params = std::vector<int>;
+  EXPECT_EQ(RefinedParams(focal, CameraModel::kSimpleRadial), Params({0}));
+  EXPECT_EQ(RefinedParams(focal, CameraModel::kOpenCv), Params({0, 1}));
+  EXPECT_EQ(RefinedParams(rest, CameraModel::kSimplePinhole), Params({1, 2}));
+  EXPECT_EQ(RefinedParams(rest, CameraModel::kFov), Params({2, 3, 4}));
+  EXPECT_EQ(RefinedParams(rest, CameraModel::kFullOpenCv),
+            Params({2, 3, 4, 5, 6, 7, 8, 9, 10, 11}));
+  EXPECT_TRUE(RefinedParams({}, CameraModel::kOpenCv).empty());
+}
+
+TEST(RefineIntrinsics, AWrongFocalLengthIsFoundAndTheRestStays) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
+  Camera& camera = input.model.cameras.begin()->second;
+  const std::vector<double> truth = camera.params;
+  camera.params[0] *= 1.02;
+  if (!CameraModelHasSingleFocal(camera.model)) camera.params[1] *= 1.02;
+  Output kept;
+  Output output;
+  refine::Run(MakeOptions({"planes.mode=off"}), input, kept);
+  const Report report = refine::Run(MakeOptions(kPlainWithFocal), input, output);
+  EXPECT_EQ(kept.model.cameras.begin()->second.params, camera.params);
+  const Camera& refined = output.model.cameras.begin()->second;
+  EXPECT_NEAR(refined.FocalX() / truth[0], 1.0, 2e-3);
+  EXPECT_EQ(refined.PrincipalX(), camera.PrincipalX());
+  EXPECT_EQ(refined.PrincipalY(), camera.PrincipalY());
+  ASSERT_EQ(report.cameras.size(), 1u);
+  EXPECT_TRUE(report.cameras[0].refined);
+  EXPECT_EQ(report.cameras[0].before, camera.params);
+  EXPECT_EQ(report.cameras[0].after, refined.params);
+  // Each arm is judged with its own camera.
+  EXPECT_LT(report.arms[1].reprojection_rms_px, 0.9 * report.arms[0].reprojection_rms_px);
+  EXPECT_LT(AlignedCenterError(output.model, map.truth), AlignedCenterError(kept.model, map.truth));
+}
+
+TEST(RefineIntrinsics, AChangeBeyondBeliefIsRefused) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
+  Camera& camera = input.model.cameras.begin()->second;
+  camera.params[0] *= 1.05;
+  if (!CameraModelHasSingleFocal(camera.model)) camera.params[1] *= 1.05;
+  std::vector<std::string> assignments = kPlainWithFocal;
+  assignments.push_back("intrinsics.max_focal_change=0.01");
+  Output output;
+  Output kept;
+  const Report report = refine::Run(MakeOptions(assignments), input, output);
+  refine::Run(MakeOptions({"planes.mode=off"}), input, kept);
+  ASSERT_EQ(report.cameras.size(), 1u);
+  EXPECT_FALSE(report.cameras[0].refined);
+  EXPECT_NE(report.cameras[0].reason.find("focal length"), std::string::npos);
+  EXPECT_EQ(output.model.cameras.begin()->second.params, camera.params);
+  for (const auto& [id, image] : output.model.images) {
+    EXPECT_EQ(image.cam_from_world.translation,
+              kept.model.images.at(id).cam_from_world.translation);
+  }
+}
+
+/// Every second image gets a camera of its own, with the same parameters.
+Input WithTwoCameras(const SyntheticMap& map) {
+  Input input = MakeInput(map);
+  Camera second = input.model.cameras.begin()->second;
+  second.id = CameraId(50);
+  input.model.cameras[second.id] = second;
+  for (auto& [id, image] : input.model.images) {
+    if (id.value() % 2 == 0) image.camera_id = second.id;
+  }
+  for (auto& [id, camera] : input.model.cameras) camera.params[0] *= 1.01;
+  return input;
+}
+
+TEST(RefineIntrinsics, CamerasAreRefinedApartTogetherOrByChoice) {
+  const SyntheticMap map = MakeDeskMap();
+  const Input input = WithTwoCameras(map);
+  const CameraId first = input.model.cameras.begin()->first;
+  const CameraId second(50);
+  Output apart;
+  EXPECT_EQ(refine::Run(MakeOptions(kPlainWithFocal), input, apart).cameras.size(), 2u);
+  EXPECT_NE(apart.model.cameras.at(first).params, apart.model.cameras.at(second).params);
+  auto assignments = kPlainWithFocal;
+  assignments.push_back("intrinsics.shared=true");
+  Output shared;
+  const Report report = refine::Run(MakeOptions(assignments), input, shared);
+  ASSERT_EQ(report.cameras.size(), 1u);
+  EXPECT_EQ(report.cameras[0].cameras, std::vector<CameraId>({first, second}));
+  EXPECT_EQ(shared.model.cameras.at(first).params, shared.model.cameras.at(second).params);
+  EXPECT_NE(shared.model.cameras.at(first).params, input.model.cameras.at(first).params);
+  assignments = kPlainWithFocal;
+  assignments.push_back(R"(intrinsics.cameras=["50"])");
+  Output chosen;
+  refine::Run(MakeOptions(assignments), input, chosen);
+  EXPECT_EQ(chosen.model.cameras.at(first).params, input.model.cameras.at(first).params);
+  EXPECT_NE(chosen.model.cameras.at(second).params, input.model.cameras.at(second).params);
+  assignments.back() = R"(intrinsics.cameras=["51"])";
+  EXPECT_THROW(refine::Run(MakeOptions(assignments), input, chosen), InputError);
+}
+
+TEST(RefineIntrinsics, ACameraThatHardlyAnythingWasTakenWithIsKept) {
+  const SyntheticMap map = MakeDeskMap();
+  auto assignments = kPlainWithFocal;
+  assignments.push_back("intrinsics.min_images=17");
+  Output output;
+  const Report report = refine::Run(MakeOptions(assignments), MakeInput(map), output);
+  ASSERT_EQ(report.cameras.size(), 1u);
+  EXPECT_FALSE(report.cameras[0].refined);
+  EXPECT_NE(report.cameras[0].reason.find("only 16 images"), std::string::npos);
+  EXPECT_EQ(output.model.cameras.begin()->second.params,
+            map.estimate.cameras.begin()->second.params);
+}
+
+TEST(RefineIntrinsics, DoubtsNameWhatIsWrong) {
+  const IntrinsicsOptions options;
+  const Camera before = testing::MakeTestCamera(CameraModel::kSimpleRadial);
+  EXPECT_EQ(DoubtsAboutCamera(options, before, before), "");
+  Camera after = before;
+  after.params[0] = -500.0;
+  EXPECT_NE(DoubtsAboutCamera(options, before, after).find("focal length"), std::string::npos);
+  after = before;
+  after.params[1] += 100.0;
+  EXPECT_NE(DoubtsAboutCamera(options, before, after).find("principal point"), std::string::npos);
+  after = before;
+  after.params[3] = -0.9;  // Folds back within the image.
+  EXPECT_NE(DoubtsAboutCamera(options, before, after).find("distortion"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace s3lam::refine
