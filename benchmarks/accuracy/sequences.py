@@ -5,6 +5,7 @@ import json
 import pathlib
 
 import planes
+import presets
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CLASSES = ROOT / "configs" / "classes"
@@ -20,6 +21,11 @@ class Sequence:
     true_planes: list = dataclasses.field(default_factory=list)
     # Where no plane is known by itself: planes of this class are parallel in reality.
     parallel_class: str | None = None
+    camera: pathlib.Path | None = None  # Where the sequence brings none.
+    slam: tuple = ()                    # Settings of s3-slam.
+    road: bool = False                  # The camera is at one height above it.
+    known_planes: pathlib.Path | None = None  # objects.json, and its frame.
+    frame: str = "gt"
 
 
 def class_names(table):
@@ -38,13 +44,14 @@ def redkitchen(folder):
     return Sequence("redkitchen", folder,
                     [folder / "trajectory_colour_sfm.txt", folder / "groundtruth.txt"],
                     {"clean": folder / "panoptic_clean", "noisy": folder / "panoptic_noisy"},
-                    CLASSES / "coco.json", planes)
+                    CLASSES / "coco.json", planes,
+                    known_planes=folder / "objects.json", frame="sfm")
 
 
 def kitti07(folder):
     return Sequence("kitti07", folder, [folder / "groundtruth.txt"],
                     {"clean": folder / "panoptic", "noisy": folder / "panoptic_noisy"},
-                    CLASSES / "cityscapes.json", parallel_class="road")
+                    CLASSES / "cityscapes.json", parallel_class="road", road=True)
 
 
 def mh05(folder):
@@ -78,7 +85,37 @@ def synthetic_sequence(name, folder):
                             "normal": normal, "parallel": group})
     clean = folder / ("panoptic" if kitti else "panoptic_clean")
     return Sequence(name, folder, [folder / "groundtruth.txt"],
-                    {"clean": clean, "noisy": folder / "panoptic_noisy"}, classes, true_planes)
+                    {"clean": clean, "noisy": folder / "panoptic_noisy"}, classes, true_planes,
+                    road=kitti, known_planes=folder / "objects.json")
 
 
 SCENES = ["desk", "floor", "posters", "room", "street"]
+
+
+def find_masks(folder):
+    """Every panoptic* folder of a sequence: panoptic is "given", panoptic_NAME is NAME."""
+    return {path.name.partition("_")[2] or "given": path
+            for path in sorted(folder.glob("panoptic*")) if path.is_dir()}
+
+
+def preset_sequence(preset, data):
+    folder = data / preset.dataset / preset.folder
+    return Sequence(preset.name, folder, [folder / "groundtruth.txt"], find_masks(folder),
+                    CLASSES / preset.classes, parallel_class="road" if preset.road else None,
+                    camera=presets.camera_file(preset, folder), slam=preset.slam, road=preset.road)
+
+
+def find(name, data, scenes):
+    """A sequence by name; `scenes` is where rendered ones lie. Its folder may not be there."""
+    if name in REAL:
+        return REAL[name](data / name) if (data / name).is_dir() else Sequence(
+            name, data / name, [], {})
+    if name in presets.ALL:
+        return preset_sequence(presets.ALL[name], data)
+    if name in SCENES:
+        folder = scenes / name
+        # A folder alone may be one in which the scene is being rendered.
+        rendered = (folder / "objects.json").is_file()
+        return synthetic_sequence(name, folder) if rendered else Sequence(name, folder, [], {})
+    raise KeyError(f"{name}: no such sequence; there are "
+                   f"{', '.join([*REAL, *SCENES, *presets.ALL])}")

@@ -71,6 +71,10 @@ class Programs:
         report, _ = self.run("s3-eval", "--estimate", estimate, "--ground-truth", ground_truth)
         return report["trajectory"]
 
+    def help(self, name):
+        return subprocess.run([self._folder / name, "--help"], check=True, capture_output=True,
+                              text=True).stdout
+
     def version(self):
         line = subprocess.run([self._folder / "s3-slam", "--version"], check=True,
                               capture_output=True, text=True).stdout

@@ -1,0 +1,276 @@
+"""The tables of a campaign: Markdown, CSV and JSON, from the files its jobs left."""
+
+import csv
+import io
+import json
+import pathlib
+import statistics
+
+import campaign_jobs as jobs
+import stages
+from tables import markdown, number
+
+HERE = pathlib.Path(__file__).resolve().parent
+FIGURES = ("ate", "ate_keyframes", "ate_rotation_deg", "rpe", "rpe_rotation_deg", "rpe_per_length",
+           "segments_percent", "segments_deg_per_length", "normal_deg", "parallel_deg",
+           "orthogonal_deg", "planes_found", "flatness", "wall_s", "peak_mib")
+
+
+# ---- figures ---------------------------------------------------------------------------------------
+
+
+def read_json(path):
+    return json.loads(path.read_text()) if path.is_file() else None
+
+
+def arm_figures(errors):
+    """The figures of one reference; those that were not measured are missing."""
+    trajectory = errors["frames"]["trajectory"]
+    figures = {"frames": trajectory["num_estimate"], "ate": trajectory["ate"]["translation"]["rmse"],
+               "ate_keyframes": errors["keyframes"]["ate"]["translation"]["rmse"],
+               "ate_rotation_deg": trajectory["ate"]["rotation_deg"]["rmse"],
+               "rpe": trajectory["rpe"]["translation"]["rmse"],
+               "rpe_rotation_deg": trajectory["rpe"]["rotation_deg"]["rmse"]}
+    if trajectory["rpe_per_length"]["translation"]["count"]:
+        figures["rpe_per_length"] = trajectory["rpe_per_length"]["translation"]["rmse"]
+    segments = trajectory["segments"]["all"]
+    if segments["count"]:
+        figures["segments_percent"] = segments["translation_percent"]
+        figures["segments_deg_per_length"] = segments["rotation_deg_per_length"]
+    known = errors["frames"].get("known_planes")
+    if known and known["found"]:
+        figures["planes_found"] = known["found"]
+        figures["planes_known"] = known["known"]
+        figures["normal_deg"] = known["normal_deg"]["median"]
+        for relation in ("parallel_deg", "orthogonal_deg"):
+            if known[relation]["count"]:
+                figures[relation] = known[relation]["median"]
+                figures[relation + "_range"] = [known[relation]["max"], known[relation]["min"]]
+    elif errors["frames"].get("planes", {}).get("from_parallel", {}).get("count"):
+        angles = errors["frames"]["planes"]["from_parallel"]
+        figures["parallel_deg"] = angles["median_deg"]
+        figures["parallel_deg_range"] = [angles["max_deg"], angles["min_deg"]]
+    cloud = errors["frames"].get("cloud")
+    if cloud:
+        figures["flatness"] = cloud["rms"]["median"]
+    return figures
+
+
+def collect(campaign):
+    """One row per sequence, reference, seed, masks and arm; and what is missing, with the reason."""
+    rows, missing = [], []
+    for name in campaign.sequences:
+        if not jobs.available(campaign, name):
+            missing.append({"sequence": name, "reason": f"not in {campaign.find(name).folder}"})
+    for job in jobs.arm_jobs(campaign):
+        result = read_json(job.output(campaign))
+        if result is None or "skipped" in result:
+            reason = result["skipped"] if result else "the job has not been done"
+            missing.append({"sequence": job.sequence, "seed": job.seed, "masks": job.masks,
+                            "arm": job.arm, "reason": reason})
+            continue
+        cost = result.get("cost") or read_json(
+            jobs.Job("slam", job.sequence, job.seed).output(campaign))["cost"]
+        for reference, errors in result["errors"].items():
+            rows.append({"sequence": job.sequence, "reference": reference, "masks": job.masks,
+                         "arm": job.arm, "seed": job.seed, **arm_figures(errors),
+                         "wall_s": cost["wall_s"], "peak_mib": cost["peak_mib"]})
+    return rows, missing
+
+
+def grouped(rows):
+    """Rows by (sequence, reference, masks, arm), over the seeds."""
+    groups = {}
+    for row in rows:
+        key = tuple(row[k] for k in ("sequence", "reference", "masks", "arm"))
+        groups.setdefault(key, []).append(row)
+    return groups
+
+
+def middle(group, figure):
+    values = [row[figure] for row in group if row.get(figure) is not None]
+    return statistics.median(values) if values else None
+
+
+def summarise(rows):
+    """Median over the seeds and, of the ATE, the range."""
+    summary = []
+    for key, group in grouped(rows).items():
+        entry = dict(zip(("sequence", "reference", "masks", "arm"), key), seeds=len(group))
+        for figure in FIGURES:
+            entry[figure] = middle(group, figure)
+        ate = [row["ate"] for row in group]
+        entry["ate_range"] = [min(ate), max(ate)]
+        summary.append(entry)
+    return summary
+
+
+# ---- tables ----------------------------------------------------------------------------------------
+
+
+def columns(campaign, summary):
+    present = {entry["arm"] for entry in summary}
+    return [arm for arm in campaign.arms if arm in present]
+
+
+def lines_of(summary):
+    """(sequence, reference, masks) of the table's lines. Arms without masks stand in every line of
+    their sequence, so that the columns compare."""
+    with_masks = {(e["sequence"], e["reference"]) for e in summary if e["masks"] != jobs.NO_MASKS}
+    lines = {}
+    for e in summary:
+        if e["masks"] != jobs.NO_MASKS or (e["sequence"], e["reference"]) not in with_masks:
+            lines.setdefault((e["sequence"], e["reference"], e["masks"]))
+    return list(lines)
+
+
+def at(summary, line, arm):
+    sequence, reference, masks = line
+    wanted = jobs.NO_MASKS if arm in jobs.WITHOUT_MASKS else masks
+    return next((e for e in summary if (e["sequence"], e["reference"], e["masks"], e["arm"]) ==
+                 (sequence, reference, wanted, arm)), None)
+
+
+def cell(entry, figure, digits, with_range=False):
+    if entry is None or entry[figure] is None:
+        return "-"
+    text = number(entry[figure], digits)
+    if with_range and entry["seeds"] > 1:
+        low, high = entry[figure + "_range"]
+        text += f" ({number(low, digits)} - {number(high, digits)})"
+    return text
+
+
+def arm_table(campaign, summary, figure, digits, with_range=False, extra=(), extra_cells=None):
+    arms = columns(campaign, summary)
+    rows = []
+    for line in lines_of(summary):
+        entries = [at(summary, line, arm) for arm in arms]
+        if all(e is None or e[figure] is None for e in entries):
+            continue
+        sequence, reference, masks = line
+        rows.append([sequence, reference, "-" if masks == jobs.NO_MASKS else masks,
+                     *(cell(e, figure, digits, with_range) for e in entries),
+                     *(extra_cells(sequence) if extra_cells else ())])
+    header = ["sequence", "reference", "masks", *arms, *extra]
+    return markdown(header, rows) if rows else ""
+
+
+def published_cells(published):
+    def cells(sequence):
+        figures = published["ate"].get(sequence, {})
+        return [number(figures.get(system), 4) for system in published["systems"]]
+    return cells
+
+
+def angles_table(campaign, rows, published):
+    """Normals of planes that are parallel in reality: largest, smallest, median, as the paper has
+    it; the run of the first seed."""
+    arms = [arm for arm in campaign.arms if arm not in jobs.WITHOUT_MASKS]
+    first = {}
+    for row in rows:
+        if row["seed"] == campaign.seeds[0] and "parallel_deg_range" in row:
+            first.setdefault((row["sequence"], row["masks"]), {})[row["arm"]] = (
+                *row["parallel_deg_range"], row["parallel_deg"])
+    lines = []
+    for (sequence, masks), by_arm in first.items():
+        paper = published["plane_angles_deg"].get(sequence)
+        lines.append([sequence, masks, *(triple(by_arm.get(arm)) for arm in arms), triple(paper)])
+    return markdown(["sequence", "masks", *arms, "S3LAM"], lines) if lines else ""
+
+
+def triple(values):
+    return " / ".join(number(v, 2) for v in values) if values else "-"
+
+
+def cost_table(campaign):
+    """Median over the seeds; what the stages took of one sequence, with the defaults or what arm is
+    there."""
+    rows = []
+    for name in campaign.sequences:
+        slam = [r for s in campaign.seeds
+                if (r := read_json(jobs.Job("slam", name, s).output(campaign)))]
+        if not slam:
+            continue
+        frames = slam[0]["report"]["frames"]
+        seconds = statistics.median(r["cost"]["wall_s"] for r in slam)
+        cells = [name, frames, number(seconds, 1), number(frames / seconds, 1)]
+        peak = [max(r["cost"]["peak_mib"] for r in slam)]
+        for kind in ("lift", "arm"):
+            found = [r for job in jobs.all_jobs(campaign)
+                     if job.kind == kind and job.sequence == name and job.masks != jobs.NO_MASKS
+                     and (r := read_json(job.output(campaign))) and "cost" in r]
+            cells.append(number(statistics.median(r["cost"]["wall_s"] for r in found), 1)
+                         if found else "-")
+            peak.append(max((r["cost"]["peak_mib"] for r in found), default=None))
+        rows.append(cells + [number(p, 0) for p in peak])
+    header = ["sequence", "frames", "s3-slam [s]", "frames/s", "s3-lift [s]", "s3-refine [s]",
+              "peak [MiB]: s3-slam", "s3-lift", "s3-refine"]
+    return markdown(header, rows) if rows else ""
+
+
+def baseline_table(baselines):
+    rows = [[b["sequence"], b["reference"], b["system"], len(b["ate"]),
+             statistics.median_low(b["frames"]), number(statistics.median(b["ate"]), 4) +
+             (f" ({min(b['ate']):.4f} - {max(b['ate']):.4f})" if len(b["ate"]) > 1 else "")]
+            for b in baselines]
+    return markdown(["sequence", "reference", "system", "runs", "frames", "ATE"], rows)
+
+
+def document(campaign, rows, missing, baselines, published, version):
+    summary = summarise(rows)
+    parts = [f"{version}; seeds {', '.join(map(str, campaign.seeds))}; {campaign.threads} threads."]
+
+    def add(title, table):
+        if table:
+            parts.append(title + "\n\n" + table.rstrip())
+
+    systems = "; ".join(f"{name}: {source}" for name, source in published["systems"].items())
+    add("Trajectory error of the keyframes (RMSE after Sim(3), unit of the reference), median of the "
+        f"seeds. Published figures for the keyframes in the last columns ({systems}).",
+        arm_table(campaign, summary, "ate_keyframes", 4, extra=list(published["systems"]),
+                  extra_cells=published_cells(published)))
+    add("Trajectory error of all localised frames, median of the seeds (range).",
+        arm_table(campaign, summary, "ate", 4, with_range=True))
+    add("Relative error per length of way (RMSE).",
+        arm_table(campaign, summary, "rpe_per_length", 4))
+    add("KITTI's segments of 100 to 800 m: translation [%].",
+        arm_table(campaign, summary, "segments_percent", 3))
+    add("Normals of known planes, median error [deg].",
+        arm_table(campaign, summary, "normal_deg", 2))
+    add("Normals of planes that are parallel in reality: largest / smallest / median angle [deg].",
+        angles_table(campaign, rows, published))
+    add("Flatness: RMS distance of the points of a plane from the plane that fits them best, median "
+        "of the planes.", arm_table(campaign, summary, "flatness", 5))
+    add("Cost: wall time, frames per second, peak memory.", cost_table(campaign))
+    if baselines:
+        add("Other systems' trajectories on the same images, all frames they tracked.",
+            baseline_table(baselines))
+    if missing:
+        add("Missing.", markdown(["sequence", "masks", "arm", "seed", "why"],
+                                 [[m["sequence"], m.get("masks", "-"), m.get("arm", "-"),
+                                   m.get("seed", "-"), m["reason"]] for m in missing]))
+    return "\n\n".join(parts) + "\n", summary
+
+
+def to_csv(rows):
+    fields = ["sequence", "reference", "masks", "arm", "seed", "frames", *FIGURES]
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, fields, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def write(campaign, baselines):
+    """tables.md, tables.csv and tables.json in the output folder; returns the Markdown."""
+    published = json.loads((HERE / "published.json").read_text())
+    rows, missing = collect(campaign)
+    version = stages.Programs(campaign.bin, 1, 0).version()
+    text, summary = document(campaign, rows, missing, baselines, published, version)
+    (campaign.output / "tables.csv").write_text(to_csv(rows))
+    stages.write_json(campaign.output / "tables.json",
+                      {"version": version, "summary": summary, "runs": rows, "missing": missing,
+                       "baselines": baselines, "published": published})
+    (campaign.output / "tables.md").write_text(text)
+    return text

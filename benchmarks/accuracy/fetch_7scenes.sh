@@ -1,0 +1,3 @@
+#!/usr/bin/env bash
+# Sequences of 7-scenes from their original site, or with --from DIR from what is there; see --help.
+exec python3 "$(dirname "${BASH_SOURCE[0]}")/fetch.py" 7-scenes "$@"
