@@ -23,6 +23,7 @@ usage: tools/run.sh (--sequence DIR|VIDEO | --model DIR) --masks DIR --classes F
   --frames A:B:STEP      use only these frames
   --mask-format NAME     of the masks (default: auto)
   --mask-json FILE       COCO panoptic JSON, where it is not beside the masks
+  --label-map FILE       what the labels in the masks are in the class table
   --slam-config FILE, --lift-config FILE, --refine-config FILE
                          configuration of a stage (defaults: configs/*.json)
   --threads N, --seed N, --progress bar|json|none, --quiet
@@ -50,7 +51,7 @@ while (($# > 0)); do
     --output) output=$2 ;;
     --ground-truth) ground_truth=$2 ;;
     --camera | --format | --frames) slam+=("$1" "$2") ;;
-    --mask-format | --mask-json) lift+=("$1" "$2") ;;
+    --mask-format | --mask-json | --label-map) lift+=("$1" "$2") ;;
     --slam-config) slam+=(--config "$2") ;;
     --lift-config) lift+=(--config "$2") ;;
     --refine-config) refine+=(--config "$2") ;;

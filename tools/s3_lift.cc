@@ -13,6 +13,7 @@
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
+#include "s3lam/io/npy.h"
 #include "s3lam/io/panoptic_masks.h"
 #include "s3lam/io/semantic_map_io.h"
 #include "s3lam/semantics/pipeline.h"
@@ -38,9 +39,17 @@ po::options_description Arguments() {
   auto add = description.add_options();
   add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model");
   add("masks", po::value<std::string>()->value_name("DIR"), "panoptic masks");
-  add("mask-format", po::value<std::string>()->default_value("auto"), "auto, coco or kitti-step");
+  add("mask-format", po::value<std::string>()->default_value("auto"),
+      "auto, coco, kitti-step, cityscapes, scannet, labels, label-divisor, segments, "
+      "probabilities");
   add("mask-json", po::value<std::string>()->default_value("")->value_name("FILE"),
       "COCO panoptic JSON (default: <masks>.json, or the one in the folder)");
+  add("label-map", po::value<std::string>()->default_value("")->value_name("FILE"),
+      "what the labels in the masks are in the class table (configs/label_maps/, ScanNet's .tsv)");
+  add("label-divisor", po::value<int>()->default_value(1000)->value_name("N"),
+      "of the format label-divisor: N * label + instance");
+  add("confusion", po::value<std::string>()->default_value("")->value_name("FILE.npy"),
+      "confusion matrix of the masks, float32, true class x class in the masks");
   add("classes", po::value<std::string>()->value_name("FILE.json"), "class table");
   add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
   add("lenient", po::bool_switch(), "skip and count masks that cannot be used");
@@ -137,6 +146,9 @@ void WriteResult(const Reconstruction& model, const LiftResult& result, const js
   WritePlanesPly(result.map, directory / "planes.ply");
   WriteColoredModel(ColorByClass(model, result.map), directory / "model_by_class");
   WriteColoredModel(ColorByCluster(model, result.map), directory / "model_by_cluster");
+  if (result.confusion) {
+    WriteNpy(result.confusion->cast<float>(), directory / "confusion.npy");
+  }
   WriteJson(directory / "config.json", config);
   WriteJson(directory / "report.json", report);
 }
@@ -145,6 +157,34 @@ MaskFormat ParseMaskFormat(const std::string& name) {
   const std::optional<MaskFormat> format = MaskFormatFromName(name);
   if (!format) throw UsageError(fmt::format("--mask-format {}: unknown format", name));
   return *format;
+}
+
+PanopticMasks OpenMasks(const po::variables_map& arguments, const fs::path& directory,
+                        MaskFormat format, const ClassTable& table) {
+  const auto map_path = arguments["label-map"].as<std::string>();
+  const LabelMap label_map = map_path.empty() ? LabelMap{} : ReadLabelMap(map_path);
+  const int divisor = arguments["label-divisor"].as<int>();
+  if (divisor < 1) throw UsageError("--label-divisor must be positive");
+  return {directory, format, arguments["mask-json"].as<std::string>(), table, label_map, divisor};
+}
+
+/// A matrix of counts or shares, its rows scaled to one; empty for an empty path.
+std::optional<ConfusionMatrix> ReadConfusion(const std::string& path, const ClassTable& table) {
+  if (path.empty()) return std::nullopt;
+  ConfusionMatrix matrix = ReadNpy(path).cast<double>();
+  if (matrix.rows() != table.size() || matrix.cols() != table.size()) {
+    ThrowInputError("{}: {} x {}, but the class table '{}' has {} classes", path, matrix.rows(),
+                    matrix.cols(), table.name, table.size());
+  }
+  if (!matrix.allFinite() || matrix.minCoeff() < 0.0) {
+    ThrowInputError("{}: an entry is negative or not finite", path);
+  }
+  for (Eigen::Index c = 0; c < matrix.rows(); ++c) {
+    const double sum = matrix.row(c).sum();
+    if (!(sum > 0.0)) ThrowInputError("{}: row {} is empty", path, c);
+    matrix.row(c) /= sum;
+  }
+  return matrix;
 }
 
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
@@ -160,12 +200,13 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   OutputDirectory output(output_path, common.overwrite);
 
   const ClassTable table = ReadClassTable(class_path);
+  options.confusion = ReadConfusion(arguments["confusion"].as<std::string>(), table);
   const Reconstruction model = ReadColmapModel(model_path);
   DescriptorsByPoint descriptors;
   if (fs::exists(model_path / "descriptors.bin")) {
     descriptors = ReadDescriptors(model_path / "descriptors.bin");
   }
-  PanopticMasks masks(mask_path, format, arguments["mask-json"].as<std::string>(), table);
+  PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(std::move(masks), model);

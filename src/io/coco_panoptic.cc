@@ -1,6 +1,5 @@
 #include "coco_panoptic.h"
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -12,48 +11,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int64_t kMaxSegmentId = (1 << 24) - 1;  // Three bytes of colour.
+constexpr uint32_t kMaxSegmentId = (1U << 24U) - 1;  // Three bytes of colour.
 
-int64_t RequireInteger(const json& object, const char* key, const std::string& where) {
-  const auto it = object.find(key);
-  if (it == object.end() || !it->is_number_integer()) {
-    ThrowInputError("{}: '{}' is missing or not an integer", where, key);
-  }
-  return it->get<int64_t>();
-}
-
-double ReadScore(const json& info, const std::string& where) {
-  const auto it = info.find("score");
-  if (it == info.end()) return 1.0;
-  const double score = it->is_number() ? it->get<double>() : std::nan("");
-  if (!(score >= 0.0 && score <= 1.0)) {
-    ThrowInputError("{}: score {} is not in [0, 1]", where, it->dump());
-  }
-  return score;
-}
-
-std::pair<uint32_t, PanopticSegment> ParseSegment(const json& info, const ClassTable& class_table,
-                                                  const std::string& where) {
-  if (!info.is_object()) ThrowInputError("{}: entry of segments_info is not an object", where);
-  const int64_t id = RequireInteger(info, "id", where + ": segment");
-  const std::string name = fmt::format("{}: segment {}", where, id);
-  if (id <= 0 || id > kMaxSegmentId) ThrowInputError("{}: id is not in [1, 2^24)", name);
-  const int64_t category = RequireInteger(info, "category_id", name);
-  const std::optional<int> class_index = category == static_cast<int>(category)
-                                             ? class_table.IndexOfId(static_cast<int>(category))
-                                             : std::nullopt;
-  if (!class_index) {
-    ThrowInputError("{}: class {} is not in the class table '{}'", name, category,
-                    class_table.name);
-  }
-  PanopticSegment segment;
-  segment.class_index = *class_index;
-  segment.score = ReadScore(info, name);
-  if (info.contains("iscrowd")) segment.is_crowd = RequireInteger(info, "iscrowd", name) != 0;
-  return {static_cast<uint32_t>(id), segment};
-}
-
-CocoAnnotation ParseAnnotation(const json& annotation, const ClassTable& class_table,
+CocoAnnotation ParseAnnotation(const json& annotation, const ClassResolver& classes,
                                const std::string& where) {
   CocoAnnotation result;
   try {
@@ -61,12 +21,7 @@ CocoAnnotation ParseAnnotation(const json& annotation, const ClassTable& class_t
     if (infos == annotation.end() || !infos->is_array()) {
       ThrowInputError("{}: 'segments_info' is missing or not a list", where);
     }
-    for (const json& info : *infos) {
-      const auto [id, segment] = ParseSegment(info, class_table, where);
-      if (!result.segments.emplace(id, segment).second) {
-        ThrowInputError("{}: segment {} is listed twice", where, id);
-      }
-    }
+    result.table = ParseSegments(*infos, classes, 1, kMaxSegmentId, where);
   } catch (const InputError& error) {
     result.defect = error.what();
   }
@@ -76,7 +31,7 @@ CocoAnnotation ParseAnnotation(const json& annotation, const ClassTable& class_t
 }  // namespace
 
 std::map<std::string, CocoAnnotation> ReadCocoAnnotations(const std::filesystem::path& path,
-                                                          const ClassTable& class_table) {
+                                                          const ClassResolver& classes) {
   const json document = ReadJson(path);
   const auto list = document.is_object() ? document.find("annotations") : document.end();
   if (list == document.end() || !list->is_array()) {
@@ -91,7 +46,7 @@ std::map<std::string, CocoAnnotation> ReadCocoAnnotations(const std::filesystem:
     }
     const std::string file = name->get<std::string>();
     CocoAnnotation parsed =
-        ParseAnnotation(annotation, class_table, fmt::format("{}: {}", path.string(), file));
+        ParseAnnotation(annotation, classes, fmt::format("{}: {}", path.string(), file));
     const auto [it, inserted] = result.emplace(file, std::move(parsed));
     if (!inserted) it->second.defect = fmt::format("{}: {} is listed twice", path.string(), file);
   }

@@ -2,25 +2,35 @@
 
 #include <algorithm>
 #include <array>
-#include <functional>
-#include <opencv2/core/mat.hpp>
+#include <span>
 #include <utility>
 
 #include "coco_panoptic.h"
-#include "png_mask.h"
+#include "id_image.h"
+#include "mask_decoders.h"
 #include "s3lam/base/error.h"
 
 namespace s3lam {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr std::array<std::string_view, 3> kFormatNames = {"auto", "coco", "kitti-step"};
-constexpr uint32_t kKittiVoidClass = 255;
+constexpr std::array<std::string_view, 9> kFormatNames = {
+    "auto",   "coco",          "kitti-step", "cityscapes",   "scannet",
+    "labels", "label-divisor", "segments",   "probabilities"};
+constexpr std::string_view kInstanceIds = "_instanceIds.png";
 
-std::vector<std::string> ListFiles(const fs::path& directory, const std::string& extension) {
+struct FolderPair {
+  std::string_view labels;
+  std::string_view instances;
+};
+constexpr std::array<FolderPair, 2> kScanNetFolders = {
+    {{"label-filt", "instance-filt"}, {"label", "instance"}}};
+
+/// All files below the folder, relative to it, sorted.
+std::vector<std::string> ListFiles(const fs::path& directory) {
   std::vector<std::string> names;
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(directory)) {
-    if (entry.is_regular_file() && entry.path().extension() == extension) {
+    if (entry.is_regular_file()) {
       names.push_back(entry.path().lexically_relative(directory).generic_string());
     }
   }
@@ -28,12 +38,27 @@ std::vector<std::string> ListFiles(const fs::path& directory, const std::string&
   return names;
 }
 
+std::vector<std::string> WithEnding(const std::vector<std::string>& names,
+                                    std::span<const std::string_view> endings) {
+  std::vector<std::string> found;
+  std::copy_if(names.begin(), names.end(), std::back_inserter(found), [&](const std::string& name) {
+    return std::any_of(endings.begin(), endings.end(),
+                       [&](std::string_view ending) { return name.ends_with(ending); });
+  });
+  return found;
+}
+
+std::vector<std::string> WithEnding(const std::vector<std::string>& names,
+                                    std::string_view ending) {
+  return WithEnding(names, std::array<std::string_view, 1>{ending});
+}
+
 /// The JSON that goes with the folder; an empty path if there is none.
-fs::path FindJson(const fs::path& directory) {
+fs::path FindJson(const fs::path& directory, const std::vector<std::string>& files) {
   fs::path beside = directory.has_filename() ? directory : directory.parent_path();
   beside += ".json";
   if (fs::is_regular_file(beside)) return beside;
-  const std::vector<std::string> inside = ListFiles(directory, ".json");
+  const std::vector<std::string> inside = WithEnding(files, ".json");
   if (inside.size() > 1) {
     ThrowInputError("{}: both {} and {} might describe the masks; give --mask-json",
                     directory.string(), inside[0], inside[1]);
@@ -41,68 +66,73 @@ fs::path FindJson(const fs::path& directory) {
   return inside.empty() ? fs::path() : directory / inside.front();
 }
 
-cv::Mat ReadColourMask(const fs::path& path) {
-  cv::Mat image = ReadPngMask(path);
-  if (image.depth() != CV_8U || image.channels() < 3) {
-    ThrowInputError("{}: expected an RGB mask of 8 bits, got {} channel(s) of {} bits",
-                    path.string(), image.channels(), 8 * image.elemSize1());
+/// The sub-folders of a ScanNet pair; empty if there are none.
+std::optional<FolderPair> FindScanNetFolders(const fs::path& directory) {
+  for (const FolderPair& pair : kScanNetFolders) {
+    if (fs::is_directory(directory / pair.labels) && fs::is_directory(directory / pair.instances)) {
+      return pair;
+    }
   }
-  return image;
+  return std::nullopt;
 }
 
-/// Fills segment_ids with R + 256 G + 65536 B, passed through `segment_of_colour` once per run of
-/// equal pixels.
-SegmentImage SegmentsFromColours(const cv::Mat& bgr,
-                                 const std::function<uint32_t(uint32_t)>& segment_of_colour) {
-  SegmentImage ids(bgr.rows, bgr.cols);
-  const int channels = bgr.channels();
-  uint32_t last_colour = kNoSegment;
-  uint32_t last_id = kNoSegment;
-  for (int y = 0; y < bgr.rows; ++y) {
-    const uint8_t* pixel = bgr.ptr<uint8_t>(y);
-    for (int x = 0; x < bgr.cols; ++x, pixel += channels) {
-      const uint32_t colour = pixel[2] | pixel[1] << 8U | pixel[0] << 16U;
-      if (colour != last_colour) {
-        last_colour = colour;
-        last_id = segment_of_colour(colour);
+/// What a folder holds, by the names of its files.
+MaskFormat DetectFormat(const fs::path& directory, const std::vector<std::string>& files,
+                        const fs::path& json_path) {
+  if (!json_path.empty()) return MaskFormat::kCoco;
+  if (FindScanNetFolders(directory)) return MaskFormat::kScanNet;
+  if (!WithEnding(files, kInstanceIds).empty()) return MaskFormat::kCityscapes;
+  const std::vector<std::string> images = WithEnding(files, ".png");
+  if (images.empty()) {
+    const std::vector<std::string> arrays = WithEnding(files, ".npy");
+    const bool have_json = !arrays.empty() && WithEnding(files, ".json").size() >= arrays.size();
+    return have_json ? MaskFormat::kSegments : MaskFormat::kProbabilities;
+  }
+  const fs::path own_json = fs::path(images.front()).replace_extension(".json");
+  if (std::binary_search(files.begin(), files.end(), own_json.generic_string())) {
+    return MaskFormat::kSegments;
+  }
+  if (!FindJson(directory, files).empty()) return MaskFormat::kCoco;
+  return HasColourPixels(directory / images.front()) ? MaskFormat::kKittiStep : MaskFormat::kLabels;
+}
+
+/// The masks of a format among the files; those of a pair by the name of the labels.
+std::vector<std::string> SelectMasks(MaskFormat format, const fs::path& directory,
+                                     const std::vector<std::string>& files) {
+  constexpr std::array<std::string_view, 2> kIds = {".png", ".npy"};
+  constexpr std::array<std::string_view, 2> kVolumes = {".npy", ".npz"};
+  switch (format) {
+    case MaskFormat::kCityscapes: {
+      const std::vector<std::string> named = WithEnding(files, kInstanceIds);
+      return named.empty() ? WithEnding(files, ".png") : named;
+    }
+    case MaskFormat::kScanNet: {
+      const auto pair = FindScanNetFolders(directory);
+      if (!pair) {
+        ThrowInputError("{}: no sub-folders label-filt and instance-filt", directory.string());
       }
-      ids(y, x) = last_id;
+      std::vector<std::string> names = WithEnding(files, ".png");
+      std::erase_if(names, [&](const std::string& name) {
+        return !name.starts_with(std::string(pair->labels) + "/");
+      });
+      return names;
     }
+    case MaskFormat::kLabels:
+    case MaskFormat::kLabelDivisor:
+    case MaskFormat::kSegments:
+      return WithEnding(files, kIds);
+    case MaskFormat::kProbabilities:
+      return WithEnding(files, kVolumes);
+    default:
+      return WithEnding(files, ".png");
   }
-  return ids;
 }
 
-PanopticFrame DecodeCoco(const fs::path& path, const CocoAnnotation& annotation) {
-  if (!annotation.defect.empty()) throw InputError(annotation.defect);
-  PanopticFrame frame{path.string(), {}, annotation.segments};
-  frame.segment_ids = SegmentsFromColours(ReadColourMask(path), [&](uint32_t colour) {
-    if (colour == 0) return kNoSegment;
-    if (!annotation.segments.contains(colour)) {
-      ThrowInputError("{}: segment {} is not in the JSON", path.string(), colour);
-    }
-    return colour;
-  });
-  return frame;
-}
-
-PanopticFrame DecodeKittiStep(const fs::path& path, const ClassTable& class_table) {
-  PanopticFrame frame{path.string(), {}, {}};
-  frame.segment_ids = SegmentsFromColours(ReadColourMask(path), [&](uint32_t colour) {
-    const uint32_t class_id = colour & 0xffU;
-    if (class_id == kKittiVoidClass) return kNoSegment;
-    const std::optional<int> index = class_table.IndexOfId(static_cast<int>(class_id));
-    if (!index) {
-      ThrowInputError("{}: class {} is not in the class table '{}'", path.string(), class_id,
-                      class_table.name);
-    }
-    PanopticSegment segment;
-    segment.class_index = *index;
-    segment.is_crowd =
-        class_table.classes[static_cast<size_t>(*index)].is_thing && colour >> 8 == 0;
-    frame.segments.emplace(colour, segment);
-    return colour;
-  });
-  return frame;
+/// "label-filt/a/0.png" -> "instance-filt/a/0.png".
+fs::path InstancesOf(const fs::path& directory, const std::string& label_name) {
+  const auto pair = FindScanNetFolders(directory);
+  const std::string rest = label_name.substr(label_name.find('/') + 1);
+  return directory / (pair ? pair->instances : std::string_view()) / rest;
 }
 
 }  // namespace
@@ -121,29 +151,37 @@ struct PanopticMasks::Impl {
   fs::path directory;
   fs::path json_path;
   MaskFormat format = MaskFormat::kAuto;
-  const ClassTable class_table;
+  ClassResolver classes;
+  int label_divisor = 1000;
   std::vector<std::string> names;
   std::map<std::string, CocoAnnotation> annotations;
 };
 
 PanopticMasks::PanopticMasks(const fs::path& directory, MaskFormat format,
-                             const fs::path& json_path, const ClassTable& class_table)
-    : impl_(new Impl{directory, json_path, format, class_table, {}, {}}) {
+                             const fs::path& json_path, const ClassTable& class_table,
+                             const LabelMap& label_map, int label_divisor)
+    : impl_(
+          new Impl{directory, json_path, format, {class_table, label_map}, label_divisor, {}, {}}) {
   if (!fs::is_directory(directory)) {
     ThrowInputError("{}: no such folder of masks", directory.string());
   }
-  impl_->names = ListFiles(directory, ".png");
-  if (impl_->names.empty()) ThrowInputError("{}: no PNG masks in it", directory.string());
-  if (json_path.empty() && format != MaskFormat::kKittiStep) impl_->json_path = FindJson(directory);
-  if (format == MaskFormat::kAuto) {
-    impl_->format = impl_->json_path.empty() ? MaskFormat::kKittiStep : MaskFormat::kCoco;
+  if (label_divisor < 1) ThrowInputError("{}: the label divisor is below 1", directory.string());
+  const std::vector<std::string> files = ListFiles(directory);
+  if (format == MaskFormat::kAuto) impl_->format = DetectFormat(directory, files, json_path);
+  impl_->names = SelectMasks(impl_->format, directory, files);
+  if (impl_->names.empty()) {
+    ThrowInputError("{}: no masks{} in it", directory.string(),
+                    format == MaskFormat::kAuto
+                        ? std::string()
+                        : fmt::format(" of format {}", MaskFormatName(format)));
   }
   if (impl_->format != MaskFormat::kCoco) return;
+  if (json_path.empty()) impl_->json_path = FindJson(directory, files);
   if (impl_->json_path.empty()) {
     ThrowInputError("{}: COCO panoptic masks need their JSON; give --mask-json",
                     directory.string());
   }
-  impl_->annotations = ReadCocoAnnotations(impl_->json_path, class_table);
+  impl_->annotations = ReadCocoAnnotations(impl_->json_path, impl_->classes);
 }
 
 PanopticMasks::~PanopticMasks() = default;
@@ -156,7 +194,25 @@ const std::vector<std::string>& PanopticMasks::names() const { return impl_->nam
 PanopticFrame PanopticMasks::Read(size_t index) const {
   const std::string& name = impl_->names.at(index);
   const fs::path path = impl_->directory / name;
-  if (impl_->format == MaskFormat::kKittiStep) return DecodeKittiStep(path, impl_->class_table);
+  const ClassResolver& classes = impl_->classes;
+  switch (impl_->format) {
+    case MaskFormat::kKittiStep:
+      return DecodeKittiStep(path, classes);
+    case MaskFormat::kCityscapes:
+      return DecodeDivided(path, classes, 1000, true);
+    case MaskFormat::kLabelDivisor:
+      return DecodeDivided(path, classes, impl_->label_divisor, false);
+    case MaskFormat::kScanNet:
+      return DecodeScanNet(path, InstancesOf(impl_->directory, name), classes);
+    case MaskFormat::kSegments:
+      return DecodeSegments(path, classes);
+    case MaskFormat::kLabels:
+      return DecodeLabels(path, classes);
+    case MaskFormat::kProbabilities:
+      return DecodeProbabilities(path, classes);
+    default:
+      break;
+  }
   const auto annotation = impl_->annotations.find(name);
   if (annotation == impl_->annotations.end()) {
     ThrowInputError("{}: has no annotation in {}", path.string(), impl_->json_path.string());

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 
 #include "s3lam/base/error.h"
 #include "s3lam/io/file.h"
@@ -17,36 +18,54 @@ uint64_t ReadBigEndian32(std::string_view bytes, size_t offset) {
   return value;
 }
 
+/// Data of the first chunk of a type; empty if there is none. Nothing but the bytes is trusted.
+std::optional<std::string_view> FindChunk(std::string_view bytes, std::string_view type) {
+  // A chunk is its length, a type of four letters, the data and a checksum.
+  uint64_t offset = kPngSignature.size();
+  while (offset + 12 <= bytes.size()) {
+    const uint64_t length = ReadBigEndian32(bytes, offset);
+    if (offset + 12 + length > bytes.size()) break;
+    if (bytes.substr(offset + 4, 4) == type) return bytes.substr(offset + 8, length);
+    offset += 12 + length;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 void CheckPngIsComplete(std::string_view bytes, const std::string& source) {
   if (bytes.substr(0, kPngSignature.size()) != kPngSignature) {
     ThrowInputError("{}: not a PNG file", source);
   }
-  // A chunk is its length, a type of four letters, the data and a checksum.
-  uint64_t offset = kPngSignature.size();
-  while (offset + 12 <= bytes.size()) {
-    const uint64_t end = offset + 12 + ReadBigEndian32(bytes, offset);
-    if (end > bytes.size()) break;
-    if (bytes.substr(offset + 4, 4) == "IEND") return;
-    offset = end;
+  if (!FindChunk(bytes, "IEND")) {
+    ThrowInputError("{}: PNG file is cut short at {} bytes", source, bytes.size());
   }
-  ThrowInputError("{}: PNG file is cut short at {} bytes", source, bytes.size());
 }
 
-cv::Mat ReadPngMask(const std::filesystem::path& path) {
-  const std::string bytes = ReadFile(path);
-  CheckPngIsComplete(bytes, path.string());
+std::string_view PngPalette(std::string_view bytes) {
+  constexpr size_t kColourType = 9;
+  constexpr char kPalette = 3;
+  const auto header = FindChunk(bytes, "IHDR");
+  if (!header || header->size() <= kColourType || (*header)[kColourType] != kPalette) return {};
+  return FindChunk(bytes, "PLTE").value_or(std::string_view());
+}
+
+cv::Mat DecodePngMask(std::string_view bytes, const std::string& source) {
+  CheckPngIsComplete(bytes, source);
   const cv::Mat buffer(1, static_cast<int>(bytes.size()), CV_8U,
                        const_cast<char*>(bytes.data()));  // NOLINT: imdecode only reads it.
   cv::Mat image;
   try {
     image = cv::imdecode(buffer, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {
-    ThrowInputError("{}: cannot decode PNG: {}", path.string(), error.err);
+    ThrowInputError("{}: cannot decode PNG: {}", source, error.err);
   }
-  if (image.empty()) ThrowInputError("{}: damaged PNG file", path.string());
+  if (image.empty()) ThrowInputError("{}: damaged PNG file", source);
   return image;
+}
+
+cv::Mat ReadPngMask(const std::filesystem::path& path) {
+  return DecodePngMask(ReadFile(path), path.string());
 }
 
 }  // namespace s3lam

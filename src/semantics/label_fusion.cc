@@ -4,23 +4,66 @@
 #include <cmath>
 #include <string_view>
 
+#include "s3lam/base/error.h"
+
 namespace s3lam {
 namespace {
 
 constexpr std::array<std::string_view, 2> kMethodNames = {"bayes", "majority"};
+constexpr std::array<std::string_view, 2> kConfusionNames = {"none", "estimated"};
+
+/// Views that a point needs to tell anything of how its views agree.
+constexpr size_t kMinViews = 3;
 
 /// The observations of a row that count.
-std::vector<size_t> UsableSegments(const MaskObservations& observations, size_t row,
-                                   bool drop_border) {
-  std::vector<size_t> inside;
-  std::vector<size_t> all;
+std::vector<PointObservation> UsableObservations(const MaskObservations& observations, size_t row,
+                                                 bool drop_border) {
+  std::vector<PointObservation> inside;
+  std::vector<PointObservation> all;
   for (const PointObservation& o : observations.ObservationsOf(row)) {
     if (o.segment == kVoidSegment || o.predicted) continue;
-    all.push_back(static_cast<size_t>(o.segment));
-    if (!o.near_border) inside.push_back(static_cast<size_t>(o.segment));
+    all.push_back(o);
+    if (!o.near_border) inside.push_back(o);
   }
   return drop_border && !inside.empty() ? inside : all;
 }
+
+Eigen::VectorXd Expand(const PixelDistribution& pixel, int num_classes) {
+  Eigen::VectorXd p = Eigen::VectorXd::Constant(num_classes, pixel.each_of_others);
+  for (size_t i = 0; i < pixel.num_classes; ++i) p[pixel.classes[i]] = pixel.probabilities[i];
+  return p;
+}
+
+Eigen::VectorXd Floored(const Eigen::VectorXd& p, double floor) {
+  const Eigen::VectorXd raised = p.cwiseMax(floor);
+  return raised / raised.sum();
+}
+
+/// What the observations say, as distributions over the classes.
+class Beliefs {
+ public:
+  Beliefs(const MaskObservations& observations, int num_classes, const FusionOptions& options)
+      : observations_(observations), options_(options) {
+    by_segment_.resize(num_classes, static_cast<Eigen::Index>(observations.segments.size()));
+    for (size_t s = 0; s < observations.segments.size(); ++s) {
+      by_segment_.col(static_cast<Eigen::Index>(s)) =
+          SegmentDistribution(observations.segments[s].label, num_classes, options);
+    }
+  }
+
+  [[nodiscard]] Eigen::VectorXd Of(const PointObservation& o) const {
+    if (o.pixel < 0) return by_segment_.col(o.segment);
+    const auto num_classes = static_cast<int>(by_segment_.rows());
+    return Floored(
+        Expand(observations_.pixel_distributions[static_cast<size_t>(o.pixel)], num_classes),
+        options_.floor);
+  }
+
+ private:
+  const MaskObservations& observations_;
+  const FusionOptions& options_;
+  Eigen::MatrixXd by_segment_;  // classes x segments
+};
 
 /// exp(x) / sum(exp(x)), without overflow.
 Eigen::VectorXd Softmax(const Eigen::VectorXd& logs) {
@@ -40,6 +83,12 @@ void FusionOptions::Visit(OptionVisitor& v) {
           "Observations are not independent: with n of them each counts n^-tempering. 0 is the "
           "paper's product, 1 the geometric mean.",
           0.0, 1.0);
+  v.Choice("confusion", confusion, kConfusionNames,
+           "Whether the masks' confusion of classes is estimated from how the views of a point "
+           "agree, and taken for the likelihood. A matrix given by hand wins.");
+  v.Value("confusion_rounds", confusion_rounds, "Rounds of that estimation.", 1, 100);
+  v.Value("confusion_prior", confusion_prior,
+          "Observations of each class that are taken for right before any is seen.", 0.0);
 }
 
 Eigen::VectorXd SegmentDistribution(const PanopticSegment& label, int num_classes,
@@ -54,35 +103,62 @@ Eigen::VectorXd SegmentDistribution(const PanopticSegment& label, int num_classe
     p.setZero();
     p[label.class_index] = 1.0;
   }
-  p = p.cwiseMax(options.floor);
-  return p / p.sum();
+  return Floored(p, options.floor);
 }
 
 ClassDistributions FuseLabels(const MaskObservations& observations, int num_classes,
-                              const FusionOptions& options) {
-  const size_t num_segments = observations.segments.size();
-  Eigen::MatrixXd logs(num_classes, static_cast<Eigen::Index>(num_segments));
-  std::vector<int> best(num_segments);
-  for (size_t s = 0; s < num_segments; ++s) {
-    const Eigen::VectorXd p =
-        SegmentDistribution(observations.segments[s].label, num_classes, options);
-    p.maxCoeff(&best[s]);
-    logs.col(static_cast<Eigen::Index>(s)) = p.array().log();
-  }
+                              const FusionOptions& options, const ConfusionMatrix* confusion) {
+  S3LAM_CHECK(confusion == nullptr ||
+              (confusion->rows() == num_classes && confusion->cols() == num_classes));
+  const Beliefs beliefs(observations, num_classes, options);
   ClassDistributions result(static_cast<Eigen::Index>(observations.points.size()), num_classes);
   for (size_t row = 0; row < observations.points.size(); ++row) {
-    const std::vector<size_t> segments = UsableSegments(observations, row, options.drop_border);
-    const auto n = static_cast<double>(segments.size());
+    const auto usable = UsableObservations(observations, row, options.drop_border);
+    const auto n = static_cast<double>(usable.size());
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(num_classes);
-    if (options.method == FusionMethod::kMajority) {
-      for (const size_t s : segments) sum[best[s]] += 1.0 / n;
-    } else {
-      for (const size_t s : segments) sum += logs.col(static_cast<Eigen::Index>(s));
-      sum = Softmax(std::pow(n, -options.tempering) * sum);
+    for (const PointObservation& o : usable) {
+      Eigen::VectorXd p = beliefs.Of(o);
+      if (options.method == FusionMethod::kMajority) {
+        Eigen::Index best = 0;
+        p.maxCoeff(&best);
+        sum[best] += 1.0 / n;
+        continue;
+      }
+      if (confusion != nullptr) p = Floored(*confusion * p, options.floor);
+      sum += Eigen::VectorXd(p.array().log());
     }
+    if (options.method == FusionMethod::kBayes)
+      sum = Softmax(std::pow(n, -options.tempering) * sum);
     result.row(static_cast<Eigen::Index>(row)) = sum.cast<float>().transpose();
   }
   return result;
+}
+
+ConfusionMatrix EstimateConfusion(const MaskObservations& observations, int num_classes,
+                                  const FusionOptions& options) {
+  constexpr double kPriorRight = 0.95;
+  const double others = num_classes > 1 ? (1.0 - kPriorRight) / (num_classes - 1) : 0.0;
+  ConfusionMatrix prior = ConfusionMatrix::Constant(num_classes, num_classes, others);
+  prior.diagonal().setConstant(kPriorRight);
+  const Beliefs beliefs(observations, num_classes, options);
+  ConfusionMatrix confusion = prior;
+  for (int round = 0; round < options.confusion_rounds; ++round) {
+    const ClassDistributions fused =
+        FuseLabels(observations, num_classes, options, round == 0 ? nullptr : &confusion);
+    confusion = options.confusion_prior * prior;
+    for (size_t row = 0; row < observations.points.size(); ++row) {
+      const auto usable = UsableObservations(observations, row, options.drop_border);
+      if (usable.size() < kMinViews) continue;
+      const Eigen::VectorXd p = fused.row(static_cast<Eigen::Index>(row)).cast<double>();
+      for (const PointObservation& o : usable) confusion += p * beliefs.Of(o).transpose();
+    }
+    for (Eigen::Index c = 0; c < num_classes; ++c) {
+      const double sum = confusion.row(c).sum();
+      confusion.row(c) =
+          sum > 0.0 ? Eigen::RowVectorXd(confusion.row(c) / sum) : Eigen::RowVectorXd(prior.row(c));
+    }
+  }
+  return confusion;
 }
 
 int MostLikelyClass(const ClassDistributions& distributions, size_t row) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <deque>
 #include <map>
+#include <numeric>
 #include <string>
 #include <utility>
 
@@ -23,6 +24,7 @@ struct FrameLookup {
   bool is_scaled = false;
   std::vector<std::pair<uint32_t, PanopticSegment>> segments;      // By segment id.
   std::vector<std::pair<PointId, PointObservation>> observations;  // segment: index into segments.
+  std::vector<PixelDistribution> pixel_distributions;
   SegmentImage indices;         // Index into segments per pixel; kept for overlaps only.
   std::vector<uint32_t> areas;  // Pixels per segment; for overlaps only.
 };
@@ -96,6 +98,11 @@ class PixelLookup {
         scale_y_(static_cast<double>(frame.segment_ids.rows()) / camera.height),
         border_px_(border_px),
         lookup_(lookup) {
+    if (frame.probabilities) {
+      for (const int c : frame.probabilities->class_of_channel) {
+        num_classes_ = std::max(num_classes_, c + 1);
+      }
+    }
     lookup.is_scaled =
         frame.segment_ids.cols() != camera.width || frame.segment_ids.rows() != camera.height;
   }
@@ -111,11 +118,18 @@ class PixelLookup {
     if (const uint32_t id = ids(y, x); id != kNoSegment) {
       observation.segment = IndexOf(id);
       observation.near_border = IsNearBorder(ids, x, y, border_px_);
+      if (frame_.probabilities && !predicted) AddPixel(y, x, observation);
     }
     lookup_.observations.emplace_back(point_id, observation);
   }
 
  private:
+  void AddPixel(Eigen::Index y, Eigen::Index x, PointObservation& observation) {
+    observation.pixel = static_cast<int32_t>(lookup_.pixel_distributions.size());
+    lookup_.pixel_distributions.push_back(
+        Compress(frame_.probabilities->ClassDistribution(y, x, num_classes_)));
+  }
+
   [[nodiscard]] int32_t IndexOf(uint32_t id) const {
     const auto it =
         std::lower_bound(lookup_.segments.begin(), lookup_.segments.end(), id,
@@ -129,6 +143,7 @@ class PixelLookup {
   double scale_x_;
   double scale_y_;
   double border_px_;
+  int num_classes_ = 0;
   FrameLookup& lookup_;
 };
 
@@ -228,12 +243,17 @@ class Collector {
     const auto frame = static_cast<uint32_t>(result_.frames.size());
     const auto base = static_cast<uint32_t>(result_.segments.size());
     result_.frames.push_back(lookup.image->id);
+    const size_t first_pixel = result_.pixel_distributions.size();
+    result_.pixel_distributions.insert(result_.pixel_distributions.end(),
+                                       lookup.pixel_distributions.begin(),
+                                       lookup.pixel_distributions.end());
     if (lookup.is_scaled) ++result_.num_scaled_masks;
     for (const auto& [id, label] : lookup.segments) {
       result_.segments.push_back({{lookup.image->id, id}, frame, label, {}});
     }
     for (auto [point, observation] : lookup.observations) {
       observation.frame = frame;
+      if (observation.pixel >= 0) observation.pixel += static_cast<int32_t>(first_pixel);
       if (observation.segment != kVoidSegment) observation.segment += static_cast<int32_t>(base);
       by_point_[point].push_back(observation);
     }
@@ -277,6 +297,29 @@ class Collector {
 };
 
 }  // namespace
+
+PixelDistribution Compress(const std::vector<float>& distribution) {
+  std::vector<uint16_t> order(distribution.size());
+  std::iota(order.begin(), order.end(), uint16_t{0});
+  PixelDistribution result;
+  const size_t count = std::min(order.size(), PixelDistribution::kMaxClasses);
+  std::partial_sort(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(count), order.end(),
+                    [&](uint16_t a, uint16_t b) {
+                      return distribution[a] != distribution[b] ? distribution[a] > distribution[b]
+                                                                : a < b;
+                    });
+  float rest = 1.0F;
+  for (size_t i = 0; i < count; ++i) {
+    result.classes[i] = order[i];
+    result.probabilities[i] = distribution[order[i]];
+    rest -= distribution[order[i]];
+  }
+  result.num_classes = static_cast<uint16_t>(count);
+  if (order.size() > count) {
+    result.each_of_others = std::max(0.0F, rest) / static_cast<float>(order.size() - count);
+  }
+  return result;
+}
 
 void LookupOptions::Visit(OptionVisitor& v) {
   v.Value("border_px", border_px,

@@ -137,7 +137,13 @@ LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable&
     const ScopedStep step(times, "fusion");
     map.points = observations.points;
     map.num_mask_observations = CountMaskObservations(observations);
-    map.distributions = FuseLabels(observations, class_table.size(), options.fusion);
+    const int num_classes = class_table.size();
+    result.confusion = options.confusion;
+    if (!result.confusion && options.fusion.confusion == ConfusionSource::kEstimated) {
+      result.confusion = EstimateConfusion(observations, num_classes, options.fusion);
+    }
+    map.distributions = FuseLabels(observations, num_classes, options.fusion,
+                                   result.confusion ? &*result.confusion : nullptr);
   }
   {
     const ScopedStep step(times, "instances");

@@ -57,6 +57,24 @@ TEST(ClassTable, CityscapesHasTheTrainIds) {
   EXPECT_TRUE(Get(table, 13).is_dynamic);
 }
 
+TEST(ClassTable, Ade20kAndNyu40CountFromOne) {
+  const ClassTable ade = ReadConfig("ade20k.json");
+  EXPECT_EQ(ade.size(), 150);
+  EXPECT_EQ(Get(ade, 1).name, "wall");
+  EXPECT_EQ(Get(ade, 29).name, "rug");
+  EXPECT_EQ(Get(ade, 29).orientation, SurfaceOrientation::kHorizontal);
+  EXPECT_EQ(Get(ade, 145).name, "bulletin board");
+  EXPECT_TRUE(Get(ade, 13).is_dynamic);
+  EXPECT_FALSE(Get(ade, 28).is_planar);  // Mirror.
+  const ClassTable nyu = ReadConfig("nyu40.json");
+  EXPECT_EQ(nyu.size(), 40);
+  EXPECT_EQ(Get(nyu, 22).name, "ceiling");
+  EXPECT_EQ(Get(nyu, 30).name, "whiteboard");
+  EXPECT_EQ(Get(nyu, 8).orientation, SurfaceOrientation::kVertical);
+  EXPECT_TRUE(Get(nyu, 31).is_dynamic);
+  EXPECT_FALSE(Get(nyu, 19).is_planar);  // Mirror.
+}
+
 TEST(ClassTable, SortsByIdAndFillsDefaults) {
   const testing::TempDir dir;
   const ClassTable table = ReadClassTable(dir.Write("t.json", R"({"name": "t", "classes": [

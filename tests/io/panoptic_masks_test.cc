@@ -104,7 +104,7 @@ TEST_F(CocoMasks, NamesWhatIsWrongWithTheJson) {
   EXPECT_THAT(error(R"([{"id": 5, "category_id": 7}])"), HasSubstr("segment 70000 is not in the"));
   EXPECT_THAT(error(R"([{"id": 5, "category_id": 8}])"), HasSubstr("class 8 is not in the class"));
   EXPECT_THAT(error(R"([{"id": 5, "category_id": 7}, {"id": 5, "category_id": 7}])"),
-              HasSubstr("segment 5 is listed twice"));
+              HasSubstr("segment 5: is listed twice"));
   EXPECT_THAT(error(R"([{"category_id": 7}])"), HasSubstr("'id' is missing"));
   EXPECT_THAT(error(R"([{"id": 5}])"), HasSubstr("'category_id' is missing"));
   EXPECT_THAT(error(R"([{"id": 0, "category_id": 7}])"), HasSubstr("segment 0"));
@@ -167,7 +167,7 @@ TEST(PanopticMasks, RefusesFoldersWithoutMasks) {
   EXPECT_THAT(ErrorOf([&] { PanopticMasks(dir / "none", MaskFormat::kAuto, {}, Table()); }),
               HasSubstr("no such folder"));
   EXPECT_THAT(ErrorOf([&] { PanopticMasks(dir.path(), MaskFormat::kAuto, {}, Table()); }),
-              HasSubstr("no PNG masks"));
+              HasSubstr("no masks in it"));
 }
 
 TEST(MatchMasksToImages, FollowsItsRules) {
@@ -186,6 +186,14 @@ TEST(MatchMasksToImages, FollowsItsRules) {
   EXPECT_THAT(match({"cam0/1.jpg", "cam0/2.jpg"}, {"2.png", "1.png"}), ElementsAre(1, 0));
   EXPECT_THAT(match({"rgb/1.color.jpg"}, {"masks/1.png"}), ElementsAre(0));
   EXPECT_THAT(match({"1.jpg"}, {"masks/1.instance.png"}), ElementsAre(0));
+  // The last folder tells cameras apart, wherever the images' root is.
+  EXPECT_THAT(match({"images/a/1.jpg", "images/b/1.jpg"}, {"b/1.png", "a/1.png"}),
+              ElementsAre(1, 0));
+  // A mask in another camera's folder, or of another image, is not taken.
+  EXPECT_THAT(match({"a/1.jpg", "b/1.jpg"}, {"a/1.png"}), ElementsAre(0, -1));
+  EXPECT_THAT(match({"a/2.jpg", "b/1.jpg"}, {"a/1.png"}), ElementsAre(-1, -1));
+  EXPECT_THAT(match({"c/a_leftImg8bit.png"}, {"c/a_gtFine_instanceIds.png"}), ElementsAre(0));
+  EXPECT_THAT(match({"color/0.jpg"}, {"label-filt/0.png"}), ElementsAre(0));
   // The stronger rule wins.
   EXPECT_THAT(match({"a/1.jpg"}, {"1.png", "a/1.png"}), ElementsAre(1));
 }
@@ -202,7 +210,8 @@ TEST(MatchMasksToImages, RefusesAmbiguity) {
 }
 
 TEST(MaskFormat, HasNames) {
-  for (const MaskFormat format : {MaskFormat::kAuto, MaskFormat::kCoco, MaskFormat::kKittiStep}) {
+  for (const MaskFormat format :
+       {MaskFormat::kAuto, MaskFormat::kCoco, MaskFormat::kKittiStep, MaskFormat::kProbabilities}) {
     EXPECT_EQ(MaskFormatFromName(MaskFormatName(format)), format);
   }
   EXPECT_FALSE(MaskFormatFromName("bmp").has_value());

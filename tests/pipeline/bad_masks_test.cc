@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "pipeline/model_fixture.h"
+#include "s3lam/io/npy.h"
 
 namespace s3lam {
 namespace {
@@ -133,6 +134,30 @@ TEST_F(BadMasks, MissingClassTable) {
                             {"--model", model().string(), "--masks", masks().string(), "--classes",
                              "/nonexistent/classes.json"},
                             kBadInput, {"/nonexistent/classes.json"});
+}
+
+TEST_F(BadMasks, LenientSkipsAndCountsInEveryFormat) {
+  for (const std::string& name : mask_names_) {
+    cv::imwrite((masks() / name).string(), cv::Mat(mask_size_, CV_8UC1, cv::Scalar(kRoad)));
+  }
+  cv::imwrite((masks() / mask_names_[2]).string(), cv::Mat(mask_size_, CV_8UC1, cv::Scalar(77)));
+  ExpectLiftRefused({mask_names_[2], "77"});
+  EXPECT_EQ(LiftReport({"--lenient"})["images_with_bad_mask"], 1);
+}
+
+TEST_F(BadMasks, LabelMapThatIsNone) {
+  std::vector<std::string> arguments = LiftArguments();
+  const auto map = inputs_.Write("map.json", R"({"0": "road"})");
+  arguments.insert(arguments.end(), {"--label-map", map.string()});
+  ExpectRefusedWithoutTrace("s3-lift", arguments, kBadInput, {map.string(), "road"});
+}
+
+TEST_F(BadMasks, ConfusionOfAnotherSize) {
+  std::vector<std::string> arguments = LiftArguments();
+  const auto matrix = inputs_ / "confusion.npy";
+  WriteNpy(MatrixXfRow::Identity(3, 3), matrix);
+  arguments.insert(arguments.end(), {"--confusion", matrix.string()});
+  ExpectRefusedWithoutTrace("s3-lift", arguments, kBadInput, {matrix.string(), "3 x 3"});
 }
 
 }  // namespace

@@ -138,5 +138,65 @@ TEST(FuseLabels, MajorityCountsVotes) {
   EXPECT_EQ(MostLikelyClass(FuseLabels(builder.result(), kClasses, options), 0), 2);
 }
 
+TEST(FuseLabels, TakesThePixelsDistributionWhereThereIsOne) {
+  testing::ObservationBuilder builder;
+  builder.AddPoint({builder.AddSegment(0, 0), builder.AddSegment(1, 0)});
+  MaskObservations& observations = builder.result();
+  for (PointObservation& o : observations.observations) {
+    o.pixel = static_cast<int32_t>(observations.pixel_distributions.size());
+    observations.pixel_distributions.push_back(Compress({0.3F, 0.6F, 0.05F, 0.05F}));
+  }
+  const ClassDistributions fused = FuseLabels(observations, kClasses, PaperOptions());
+  EXPECT_NEAR(fused(0, 1), 0.36 / (0.09 + 0.36 + 2 * 0.0025), 1e-5);
+}
+
+TEST(PixelDistribution, KeepsTheLikeliestAndTheSum) {
+  std::vector<float> p(20, 0.01F);
+  p[3] = 0.5F;
+  p[17] = 0.5F - 0.18F;
+  const PixelDistribution pixel = Compress(p);
+  EXPECT_EQ(pixel.classes[0], 3);
+  EXPECT_EQ(pixel.classes[1], 17);
+  EXPECT_EQ(pixel.num_classes, 8);
+  EXPECT_NEAR(pixel.each_of_others, 0.01, 1e-6);
+}
+
+/// Points of class 0, which the masks take for class 1 in two views of five, and points of class 1,
+/// which they always take for class 1.
+MaskObservations ConfusedObservations() {
+  testing::ObservationBuilder builder;
+  std::vector<std::vector<int32_t>> segments(5);
+  for (uint32_t f = 0; f < 5; ++f) {
+    for (const int c : {0, 1}) segments[f].push_back(builder.AddSegment(f, c));
+  }
+  for (size_t i = 0; i < 200; ++i) {
+    std::vector<int32_t> views;
+    for (size_t f = 0; f < 5; ++f) {
+      const bool is_confused = (f + i) % 5 < 2;
+      views.push_back(segments[f][is_confused ? 1 : 0]);
+    }
+    builder.AddPoint(views);
+    builder.AddPoint({segments[0][1], segments[1][1], segments[2][1], segments[3][1]});
+  }
+  // Two views say class 0, three class 1: only a confused class 0 looks like that.
+  builder.AddPoint(
+      {segments[0][0], segments[1][0], segments[2][1], segments[3][1], segments[4][1]});
+  return builder.result();
+}
+
+TEST(EstimateConfusion, FindsWhatIsTakenForWhat) {
+  FusionOptions options = PaperOptions();
+  options.floor = 1e-3;
+  const MaskObservations observations = ConfusedObservations();
+  const ConfusionMatrix confusion = EstimateConfusion(observations, kClasses, options);
+  EXPECT_NEAR(confusion(0, 1), 0.4, 0.03);
+  EXPECT_NEAR(confusion(1, 1), 0.99, 0.01);
+  for (int c = 0; c < kClasses; ++c) EXPECT_NEAR(confusion.row(c).sum(), 1.0, 1e-9);
+  EXPECT_GT(confusion(3, 3), 0.9);  // Never seen.
+  const size_t last = observations.points.size() - 1;
+  EXPECT_EQ(MostLikelyClass(FuseLabels(observations, kClasses, options), last), 1);
+  EXPECT_EQ(MostLikelyClass(FuseLabels(observations, kClasses, options, &confusion), last), 0);
+}
+
 }  // namespace
 }  // namespace s3lam

@@ -4,8 +4,11 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "s3lam/scene/probability_volume.h"
 
 namespace s3lam {
 
@@ -28,7 +31,8 @@ struct PanopticSegment {
 struct PanopticFrame {
   std::string source;  // File it came from, for messages.
   SegmentImage segment_ids;
-  std::map<uint32_t, PanopticSegment> segments;  // Every id in segment_ids but kNoSegment.
+  std::map<uint32_t, PanopticSegment> segments;    // Every id in segment_ids but kNoSegment.
+  std::optional<ProbabilityVolume> probabilities;  // Of the size of segment_ids.
 };
 
 }  // namespace s3lam

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -28,12 +29,24 @@ struct SegmentNode {
 
 inline constexpr int32_t kVoidSegment = -1;
 
+/// What a probability volume says of one pixel: the likeliest classes, and the rest evenly on the
+/// others. (A volume has 133 or 150 classes, nearly all of which have next to nothing.)
+struct PixelDistribution {
+  static constexpr size_t kMaxClasses = 8;
+  std::array<uint16_t, kMaxClasses> classes{};
+  std::array<float, kMaxClasses> probabilities{};
+  uint16_t num_classes = 0;     // Of those listed.
+  float each_of_others = 0.0F;  // Probability of a class that is not listed.
+};
+PixelDistribution Compress(const std::vector<float>& distribution);
+
 /// One point seen in one mask.
 struct PointObservation {
   uint32_t frame = 0;
   int32_t segment = kVoidSegment;  // Index into MaskObservations::segments.
   bool near_border = false;        // Another segment is within LookupOptions::border_px.
   bool predicted = false;          // Not observed: see VisibilityPredictor.
+  int32_t pixel = -1;              // Index into pixel_distributions; -1 without any.
 };
 
 /// How far two segments of one class, of different frames, cover each other in the image.
@@ -53,6 +66,7 @@ struct MaskObservations {
   /// row's, by frame; void ones included.
   std::vector<uint32_t> first_observation;
   std::vector<PointObservation> observations;
+  std::vector<PixelDistribution> pixel_distributions;
   std::vector<SegmentOverlap> overlaps;  // By segment; empty unless asked for.
 
   size_t num_images_without_mask = 0;

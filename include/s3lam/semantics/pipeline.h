@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -29,6 +30,7 @@ struct LiftOptions {
   PlaneOptions planes;
   int num_threads = 0;  // 0: all. From the command line, as is the seed.
   uint64_t seed = 0;
+  std::optional<ConfusionMatrix> confusion;  // Given, not estimated; from the command line as well.
 
   void Visit(OptionVisitor& v);
 };
@@ -61,6 +63,7 @@ struct LiftReport {
 struct LiftResult {
   SemanticMap map;
   LiftReport report;
+  std::optional<ConfusionMatrix> confusion;  // The one used, given or estimated.
 };
 
 /// Stage 2: carries the masks' labels over to the points of a model, groups them into objects and

@@ -1,0 +1,141 @@
+#include "segments_json.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "s3lam/base/error.h"
+
+namespace s3lam {
+namespace {
+
+using nlohmann::json;
+
+/// What the sum of a distribution written with few digits may miss one by.
+constexpr double kSumTolerance = 1e-2;
+
+int64_t RequireInteger(const json& object, const char* key, const std::string& where) {
+  const auto it = object.find(key);
+  if (it == object.end() || !it->is_number_integer()) {
+    ThrowInputError("{}: '{}' is missing or not an integer", where, key);
+  }
+  return it->get<int64_t>();
+}
+
+/// False without the key; true, false, 0 or 1.
+bool ReadFlag(const json& info, const char* key, const std::string& where) {
+  const auto it = info.find(key);
+  if (it == info.end()) return false;
+  return it->is_boolean() ? it->get<bool>() : RequireInteger(info, key, where) != 0;
+}
+
+double ReadScore(const json& info, const std::string& where) {
+  const auto it = info.find("score");
+  if (it == info.end()) return 1.0;
+  const double score = it->is_number() ? it->get<double>() : std::nan("");
+  if (!(score >= 0.0 && score <= 1.0)) {
+    ThrowInputError("{}: score {} is not in [0, 1]", where, it->dump());
+  }
+  return score;
+}
+
+float ReadProbability(const json& value, const std::string& where) {
+  const double p = value.is_number() ? value.get<double>() : std::nan("");
+  if (!(p >= 0.0 && p <= 1.0)) {
+    ThrowInputError("{}: probability {} is not in [0, 1]", where, value.dump());
+  }
+  return static_cast<float>(p);
+}
+
+int64_t ParseLabel(const std::string& text, const std::string& where) {
+  int64_t label = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), label);
+  if (error != std::errc() || end != text.data() + text.size()) {
+    ThrowInputError("{}: '{}' in the distribution is not a label", where, text);
+  }
+  return label;
+}
+
+/// Empty without one. What is said of void is left out, and the rest scaled to one.
+std::vector<float> ReadDistribution(const json& info, const ClassResolver& classes,
+                                    const std::string& where) {
+  const auto it = info.find("distribution");
+  if (it == info.end()) return {};
+  const auto num_classes = static_cast<size_t>(classes.table().size());
+  std::vector<float> result(num_classes, 0.0F);
+  double sum = 0.0;
+  if (it->is_array()) {
+    if (it->size() != num_classes) {
+      ThrowInputError("{}: distribution over {} classes where the table '{}' has {}", where,
+                      it->size(), classes.table().name, num_classes);
+    }
+    for (size_t i = 0; i < num_classes; ++i) {
+      sum += result[i] = ReadProbability((*it)[i], where);
+    }
+  } else if (it->is_object()) {
+    for (const auto& [label, value] : it->items()) {
+      const float p = ReadProbability(value, where);
+      sum += p;
+      const auto index = classes.IndexOf(ParseLabel(label, where), where);
+      if (index) result[static_cast<size_t>(*index)] += p;
+    }
+  } else {
+    ThrowInputError("{}: 'distribution' is neither a list nor an object", where);
+  }
+  if (!(std::abs(sum - 1.0) <= kSumTolerance)) {
+    ThrowInputError("{}: the distribution sums to {:.4g}, not to one", where, sum);
+  }
+  float rest = 0.0F;
+  for (const float p : result) rest += p;
+  if (!(rest > 0.0F)) ThrowInputError("{}: the whole distribution is void", where);
+  for (float& p : result) p /= rest;
+  return result;
+}
+
+/// Class of a segment: what it says, else the likeliest of its distribution; empty for void.
+std::optional<int> ReadClass(const json& info, const std::vector<float>& distribution,
+                             const ClassResolver& classes, const std::string& where) {
+  const bool is_hugging_face = info.contains("label_id") && !info.contains("category_id");
+  const char* key = is_hugging_face ? "label_id" : "category_id";
+  if (!info.contains(key) && !distribution.empty()) {
+    return static_cast<int>(std::max_element(distribution.begin(), distribution.end()) -
+                            distribution.begin());
+  }
+  return classes.IndexOf(RequireInteger(info, key, where), where);
+}
+
+}  // namespace
+
+SegmentTable ParseSegments(const json& list, const ClassResolver& classes, uint32_t min_id,
+                           uint32_t max_id, const std::string& where) {
+  SegmentTable table;
+  for (const json& info : list) {
+    if (!info.is_object()) ThrowInputError("{}: entry of segments_info is not an object", where);
+    const int64_t id = RequireInteger(info, "id", where + ": segment");
+    const std::string name = fmt::format("{}: segment {}", where, id);
+    if (id < min_id || id > max_id) {
+      ThrowInputError("{}: id is not in [{}, {}]", name, min_id, max_id);
+    }
+    const auto key = static_cast<uint32_t>(id);
+    PanopticSegment segment;
+    segment.distribution = ReadDistribution(info, classes, name);
+    segment.score = ReadScore(info, name);
+    segment.is_crowd = ReadFlag(info, "iscrowd", name);
+    const auto class_index = ReadClass(info, segment.distribution, classes, name);
+    if (table.segments.contains(key) || table.void_segments.contains(key)) {
+      ThrowInputError("{}: is listed twice", name);
+    }
+    if (!class_index) {
+      table.void_segments.insert(key);
+      continue;
+    }
+    segment.class_index = *class_index;
+    segment.is_crowd |= classes.IsThing(*class_index) && ReadFlag(info, "was_fused", name);
+    table.segments.emplace(key, std::move(segment));
+  }
+  return table;
+}
+
+}  // namespace s3lam
