@@ -7,6 +7,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "s3lam/base/parallel.h"
 #include "s3lam/geometry/triangulation.h"
 #include "s3lam/optim/pose_refinement.h"
 #include "s3lam/robust/relative_pose.h"
@@ -16,14 +17,16 @@ namespace {
 
 constexpr int kMaxDescriptorDistance = 64;
 constexpr double kMaxRatio = 0.9;
-constexpr double kSearchRadius = 0.1;  // Of the image's longer side.
-constexpr int kMaxMissed = 2;          // Frames in a row that a track may miss.
-constexpr double kFirstFlow = 0.03;    // Median flow, of the longer side, that is worth a try.
-constexpr double kFlowGrowth = 1.4;    // Between tries.
-constexpr double kCappedError = 9.0;   // [sigma^2]
-constexpr int kNumViews = 4;           // First, two between, last.
-constexpr double kMinErrorGain = 2.5;  // Of a map over a mere rotation.
-constexpr double kLowQuantile = 0.2;   // Of the parallaxes: also what is far must be seen well.
+constexpr double kSearchRadius = 0.1;   // Of the image's longer side.
+constexpr int kMaxMissed = 2;           // Frames in a row that a track may miss.
+constexpr double kFirstFlow = 0.03;     // Median flow, of the longer side, that is worth a try.
+constexpr double kFlowGrowth = 1.4;     // Between tries.
+constexpr double kCappedError = 9.0;    // [sigma^2]
+constexpr int kNumViews = 4;            // First, two between, last.
+constexpr double kMinErrorGain = 2.5;   // Of a map over a mere rotation.
+constexpr double kGoodErrorGain = 6.0;  // From here on a map is beyond doubt; false ones reach 4.
+constexpr size_t kStartsAtOnce = 8;     // A fixed number, so that threads change nothing.
+constexpr double kLowQuantile = 0.2;    // Of the parallaxes: also what is far must be seen well.
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
 /// A keypoint of the starting frame, followed.
@@ -336,8 +339,34 @@ double MedianFlow(const FrameFeatures& start, const std::vector<Track>& tracks) 
 }
 
 double Quality(const InitializerOptions& options, const InitialPair& pair) {
+  const double gain = pair.rotation_only_error / pair.mean_squared_error;
   return std::min(1.0, pair.low_parallax_deg / options.good_parallax_deg) *
-         std::min(1.0, static_cast<double>(pair.points.size()) / options.good_points);
+         std::min(1.0, static_cast<double>(pair.points.size()) / options.good_points) *
+         std::min(1.0, gain / kGoodErrorGain);
+}
+
+/// The best pair that begins with frame `start`.
+std::optional<InitialPair> BestPairFrom(const InitializerOptions& options,
+                                        const std::vector<FrameFeatures>& frames,
+                                        const Undistorter& undistorter, int start) {
+  const int end = static_cast<int>(frames.size());
+  const double side = std::max(undistorter.camera().width, undistorter.camera().height);
+  PairEvaluator evaluator(options, frames, undistorter);
+  std::vector<Track> tracks = StartTracks(frames[start]);
+  double next_flow = kFirstFlow * side;
+  std::optional<InitialPair> best;
+  for (int gap = 1; gap <= options.max_gap && start + gap < end; ++gap) {
+    const int found =
+        ExtendTracks(frames[start], frames[start + gap], kSearchRadius * side, tracks);
+    if (found < options.min_matches) break;
+    const double flow = MedianFlow(frames[start], tracks);
+    if (gap < kNumViews - 1 || flow < next_flow) continue;
+    next_flow = kFlowGrowth * flow;
+    const auto pair = evaluator.Evaluate(start, gap, tracks);
+    if (pair && (!best || Quality(options, *pair) > Quality(options, *best))) best = pair;
+    if (best && Quality(options, *best) >= 1.0) break;
+  }
+  return best;
 }
 
 }  // namespace
@@ -357,27 +386,22 @@ void InitializerOptions::Visit(OptionVisitor& v) {
 
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
                                            const std::vector<FrameFeatures>& frames,
-                                           const Undistorter& undistorter) {
+                                           const Undistorter& undistorter, int num_threads) {
   const int end = static_cast<int>(frames.size());
   const int step = std::max(1, end / options.num_starts);
-  PairEvaluator evaluator(options, frames, undistorter);
-  const double side = std::max(undistorter.camera().width, undistorter.camera().height);
+  std::vector<int> starts;
+  for (int start = 0; start + kNumViews <= end; start += step) starts.push_back(start);
   std::optional<InitialPair> best;
-  for (int start = 0; start + kNumViews <= end; start += step) {
-    std::vector<Track> tracks = StartTracks(frames[start]);
-    double next_flow = kFirstFlow * side;
-    for (int gap = 1; gap <= options.max_gap && start + gap < end; ++gap) {
-      const int found =
-          ExtendTracks(frames[start], frames[start + gap], kSearchRadius * side, tracks);
-      if (found < options.min_matches) break;
-      const double flow = MedianFlow(frames[start], tracks);
-      if (gap < kNumViews - 1 || flow < next_flow) continue;
-      next_flow = kFlowGrowth * flow;
-      const auto pair = evaluator.Evaluate(start, gap, tracks);
-      if (!pair) continue;
-      if (!best || Quality(options, *pair) > Quality(options, *best)) best = pair;
-      if (Quality(options, *best) >= 1.0) return best;
+  for (size_t first = 0; first < starts.size(); first += kStartsAtOnce) {
+    const size_t count = std::min(kStartsAtOnce, starts.size() - first);
+    std::vector<std::optional<InitialPair>> found(count);
+    ParallelFor(count, num_threads, [&](size_t i) {
+      found[i] = BestPairFrom(options, frames, undistorter, starts[first + i]);
+    });
+    for (const auto& pair : found) {
+      if (pair && (!best || Quality(options, *pair) > Quality(options, *best))) best = pair;
     }
+    if (best && Quality(options, *best) >= 1.0) break;
   }
   return best;
 }

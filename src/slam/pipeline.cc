@@ -37,7 +37,7 @@ std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input
 
 InitialPair Initialize(const Options& options, const std::vector<FrameFeatures>& frames,
                        const Undistorter& undistorter) {
-  const auto pair = FindInitialPair(options.initializer, frames, undistorter);
+  const auto pair = FindInitialPair(options.initializer, frames, undistorter, options.num_threads);
   if (pair) {
     spdlog::info("map starts from frames {} and {}: {} points, parallax {:.1f} deg", pair->frame_a,
                  pair->frame_b, pair->points.size(), pair->parallax_deg);

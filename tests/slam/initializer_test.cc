@@ -37,7 +37,7 @@ class InitializerTest : public ::testing::Test {
 
 TEST_F(InitializerTest, FindsTheMotionInAGeneralScene) {
   const auto frames = MakeFrames(false, {0.05, 0.01, 0.01}, {0.0, 0.005, 0.0});
-  const auto pair = FindInitialPair({}, frames, undistorter_);
+  const auto pair = FindInitialPair({}, frames, undistorter_, 1);
   ASSERT_TRUE(pair.has_value());
   EXPECT_GE(pair->points.size(), 150U);
   EXPECT_GE(pair->parallax_deg, 1.0);
@@ -46,19 +46,19 @@ TEST_F(InitializerTest, FindsTheMotionInAGeneralScene) {
 
 TEST_F(InitializerTest, SettlesThePlanarAmbiguity) {
   const auto frames = MakeFrames(true, {0.05, 0.0, 0.03}, {0.004, 0.004, 0.0});
-  const auto pair = FindInitialPair({}, frames, undistorter_);
+  const auto pair = FindInitialPair({}, frames, undistorter_, 1);
   ASSERT_TRUE(pair.has_value());
   ExpectRightMotion(*pair);
 }
 
 TEST_F(InitializerTest, RefusesAPureRotation) {
   const auto frames = MakeFrames(false, Eigen::Vector3d::Zero(), {0.002, 0.012, 0.0});
-  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_).has_value());
+  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_, 1).has_value());
 }
 
 TEST_F(InitializerTest, RefusesAStandstill) {
   const auto frames = MakeFrames(false, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
-  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_).has_value());
+  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_, 1).has_value());
 }
 
 }  // namespace

@@ -41,11 +41,12 @@ struct InitialPair {
 /// Looks for the best pair to start from, trying starting frames spread over the whole sequence in
 /// order and, for each, ever larger gaps along which keypoints are followed. Candidate motions come
 /// from essential matrix and homography; the one that explains two intermediate frames best, after
-/// bundle adjustment, wins, which settles the planar ambiguity. Stops at the first pair that is
-/// good by the options, else returns the best acceptable one. Empty if there is none (no parallax,
-/// too few matches).
+/// bundle adjustment, wins, which settles the planar ambiguity. A pair is good when it has parallax
+/// and points enough and explains the images far better than a mere rotation does. Stops after the
+/// first few starting frames that give a good one, else returns the best acceptable pair. Empty if
+/// there is none (no parallax, too few matches). The number of threads changes nothing.
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
                                            const std::vector<FrameFeatures>& frames,
-                                           const Undistorter& undistorter);
+                                           const Undistorter& undistorter, int num_threads);
 
 }  // namespace s3lam
