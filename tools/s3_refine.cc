@@ -8,6 +8,7 @@
 #include "s3lam/base/timer.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/constraints.h"
+#include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
 #include "s3lam/io/frame_observations.h"
 #include "s3lam/io/semantic_map_io.h"
@@ -98,6 +99,9 @@ refine::Input ReadInput(const po::variables_map& arguments) {
   ReadTrajectories(model, input);
   input.semantics = ReadSemantics(Given(arguments, "semantics"), input.model);
   ReadConstraints(arguments, input);
+  if (fs::exists(model / "descriptors.bin")) {
+    input.descriptors = ReadDescriptors(model / "descriptors.bin");
+  }
   return input;
 }
 

@@ -10,6 +10,7 @@
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/refine/cost_functions.h"
+#include "s3lam/refine/exact_plane_cost.h"
 #include "s3lam/refine/pose_prior_cost.h"
 
 namespace s3lam {
@@ -35,6 +36,7 @@ class CeresBundle {
         reprojection_loss_(options.huber_reprojection),
         plane_loss_(options.huber_plane),
         problem_(ProblemOptions()) {
+    PutPointsOnPlanes();
     AddObservations();
     AddPlanes();
     AddHeights();
@@ -55,6 +57,7 @@ class CeresBundle {
     if (!summary.IsSolutionUsable() || !std::isfinite(summary.final_cost)) {
       throw std::runtime_error("the bundle adjustment failed: " + summary.message);
     }
+    LiftPointsFromPlanes();
     BundleSolverReport report;
     report.initial_cost = summary.initial_cost;
     report.final_cost = summary.final_cost;
@@ -101,8 +104,9 @@ class CeresBundle {
     add(&bundle_.height);
     for (Camera& camera : bundle_.cameras) add(camera.params.data());
     linear.num_other_columns = columns;
-    for (Eigen::Vector3d& point : bundle_.points) {
-      const int column = add(point.data());
+    for (size_t j = 0; j < bundle_.points.size(); ++j) {
+      const bool is_exact = ExactPlane(static_cast<int>(j)) >= 0;
+      const int column = add(is_exact ? in_plane_[j].data() : bundle_.points[j].data());
       if (column >= 0) linear.point_columns.push_back(column);
     }
     ceres::CRSMatrix rows;
@@ -127,9 +131,15 @@ class CeresBundle {
   void AddObservations() {
     for (const BundleObservation& o : bundle_.observations) {
       Camera& camera = CameraOfPose(o.pose);
-      reprojections_.emplace_back(camera.model, o.pixel, options_.sigma_px);
-      problem_.AddResidualBlock(&reprojections_.back(), &reprojection_loss_, Pose(o.pose),
-                                bundle_.points[o.point].data(), camera.params.data());
+      if (const int plane = ExactPlane(o.point); plane >= 0) {
+        exact_reprojections_.emplace_back(camera.model, o.pixel, options_.sigma_px, frames_[plane]);
+        problem_.AddResidualBlock(&exact_reprojections_.back(), &reprojection_loss_, Pose(o.pose),
+                                  in_plane_[o.point].data(), UsePlane(plane), camera.params.data());
+      } else {
+        reprojections_.emplace_back(camera.model, o.pixel, options_.sigma_px);
+        problem_.AddResidualBlock(&reprojections_.back(), &reprojection_loss_, Pose(o.pose),
+                                  bundle_.points[o.point].data(), camera.params.data());
+      }
       used_poses_.insert(o.pose);
       problem_.SetParameterBlockConstant(camera.params.data());
     }
@@ -139,11 +149,42 @@ class CeresBundle {
     }
   }
 
+  /// Points that lie exactly on a plane are two coordinates in it from here on.
+  void PutPointsOnPlanes() {
+    for (const PointOnPlane& term : bundle_.points_on_planes) {
+      if (!term.is_exact) continue;
+      if (exact_plane_.empty()) {
+        exact_plane_.assign(bundle_.points.size(), -1);
+        in_plane_.assign(bundle_.points.size(), Eigen::Vector2d::Zero());
+        for (const AnchoredPlane& plane : bundle_.planes) frames_.push_back(PlaneFrame::Of(plane));
+      }
+      exact_plane_[term.point] = term.plane;
+      in_plane_[term.point] = frames_[term.plane].Coordinates(bundle_.points[term.point]);
+    }
+  }
+
+  /// Their places in the world, after a solve.
+  void LiftPointsFromPlanes() {
+    for (size_t j = 0; j < exact_plane_.size(); ++j) {
+      const int plane = exact_plane_[j];
+      if (plane < 0) continue;
+      Eigen::Vector3d point;
+      if (PointInPlane(frames_[plane], bundle_.planes[plane].parameters.data(), in_plane_[j].data(),
+                       &point)) {
+        bundle_.points[j] = point;
+      }
+    }
+  }
+
+  [[nodiscard]] int ExactPlane(int point) const {
+    return exact_plane_.empty() ? -1 : exact_plane_[point];
+  }
+
   void AddPlanes() {
     if (bundle_.points_on_planes.empty()) return;
     for (const PointOnPlane& term : bundle_.points_on_planes) {
       double* point = bundle_.points[term.point].data();
-      if (!problem_.HasParameterBlock(point)) continue;
+      if (term.is_exact || !problem_.HasParameterBlock(point)) continue;
       AnchoredPlane& plane = bundle_.planes[term.plane];
       if (plane.is_constant) {
         const Plane fixed = plane.PlaneInWorld();
@@ -289,8 +330,11 @@ class CeresBundle {
   }
 
   [[nodiscard]] bool IsPoint(const double* block) const {
-    const double* begin = bundle_.points.front().data();
-    return !std::less<>()(block, begin) && std::less<>()(block, begin + 3 * bundle_.points.size());
+    const auto within = [block](const double* begin, size_t size) {
+      return !std::less<>()(block, begin) && std::less<>()(block, begin + size);
+    };
+    return within(bundle_.points.front().data(), 3 * bundle_.points.size()) ||
+           (!in_plane_.empty() && within(in_plane_.front().data(), 2 * in_plane_.size()));
   }
 
   double* Pose(int index) { return bundle_.poses[index].data(); }
@@ -305,6 +349,10 @@ class CeresBundle {
   std::unique_ptr<HeldDistancePoseManifold> scale_manifold_;
   std::vector<std::unique_ptr<ceres::SubsetManifold>> camera_manifolds_;
   std::deque<ReprojectionCost> reprojections_;
+  std::deque<ExactPlaneReprojectionCost> exact_reprojections_;
+  std::vector<int> exact_plane_;           // Per point: the plane it is on; empty: none is.
+  std::vector<Eigen::Vector2d> in_plane_;  // Per point: coordinates in that plane.
+  std::vector<PlaneFrame> frames_;         // Per plane.
   std::deque<PointFixedPlaneCost> fixed_planes_;
   std::deque<PointPlaneCost> point_planes_;
   std::vector<std::unique_ptr<ceres::CostFunction>> others_;

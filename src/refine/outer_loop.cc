@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <stdexcept>
 
 #include "s3lam/base/log.h"
 #include "s3lam/base/timer.h"
@@ -33,19 +34,42 @@ class OuterLoop {
           spdlog::warn("no plane has enough points near it: the result is without planes");
           break;
         }
+        if (settings_.planes.mode == PlaneMode::kHard) {
+          MarkExactPlanes(settings_.exact_planes, settings_.solver.sigma_px, *planes_, exact_,
+                          map_.problem);
+          iteration.exact_points = exact_.num_points;
+        }
       }
       iteration.solve = SolveBundle(settings_.solver, map_.problem);
+      MendPoints(iteration);
       iteration.observations =
           SelectObservations(settings_.outliers, settings_.solver.sigma_px, false, map_);
       iteration.seconds = timer.Seconds();
       iterations_.push_back(iteration);
       Log(i);
+      if (i == 0) CheckProgress(iteration.solve);
       if (Settled(iteration, i)) break;
     }
     return iterations_;
   }
 
  private:
+  /// The input must not pass for a result.
+  static void CheckProgress(const BundleSolverReport& solve) {
+    if (solve.converged || solve.final_cost < solve.initial_cost) return;
+    throw std::runtime_error("the bundle adjustment finds no better map than its input: " +
+                             solve.message);
+  }
+
+  /// Tracks are merged without planes only: these know their points by index.
+  void MendPoints(OuterIteration& iteration) {
+    const double sigma_px = settings_.solver.sigma_px;
+    iteration.retriangulated =
+        RetriangulatePoints(settings_.retriangulation, settings_.outliers, sigma_px, map_);
+    if (iteration.with_planes) return;
+    iteration.merged = MergePoints(settings_.retriangulation, sigma_px, map_);
+  }
+
   void UpdatePlanes() {
     FreezeUncertainty(map_.problem, settings_.solver.sigma_px, *planes_);
     RefitPlanes(settings_.planes.sigma, settings_.solver.sigma_px, true, *planes_, map_.problem);
@@ -53,7 +77,7 @@ class OuterLoop {
 
   /// Once, after the first solve with planes has sharpened them.
   void RelatePlanes() {
-    if (!settings_.relations.enabled || settings_.planes.mode != PlaneMode::kJoint) return;
+    if (!settings_.relations.enabled || settings_.planes.mode == PlaneMode::kFixed) return;
     const std::vector<RelationTerm> relations =
         ProposeRelations(settings_.relations, settings_.planes.sigma, settings_.solver.sigma_px,
                          *classes_, *planes_, map_.problem);
@@ -63,8 +87,9 @@ class OuterLoop {
 
   [[nodiscard]] bool Settled(const OuterIteration& iteration, int index) const {
     const double allowed = settings_.outer.max_changed;
-    const bool observations_settled = static_cast<double>(iteration.observations.changed) <=
-                                      allowed * static_cast<double>(iteration.observations.total);
+    const size_t changed = iteration.observations.changed + iteration.merged;
+    const bool observations_settled =
+        static_cast<double>(changed) <= allowed * static_cast<double>(iteration.observations.total);
     if (!iteration.with_planes) return observations_settled;
     return index > 0 && observations_settled &&
            static_cast<double>(iteration.membership.changed) <=
@@ -78,6 +103,9 @@ class OuterLoop {
       planes = fmt::format(", {} points on planes ({} off), {} changed", it.membership.members,
                            it.membership.outliers, it.membership.changed);
     }
+    if (it.exact_points > 0) planes += fmt::format(", {} exactly", it.exact_points);
+    if (it.retriangulated > 0) planes += fmt::format(", {} triangulated anew", it.retriangulated);
+    if (it.merged > 0) planes += fmt::format(", {} merged", it.merged);
     const int left = settings_.outer.max_iterations - index - 1;
     spdlog::info(
         "{} iteration {}: cost {:.6g} -> {:.6g} in {} steps ({}), {} of {} observations{}; {:.1f} "
@@ -94,6 +122,7 @@ class OuterLoop {
   const ClassTable* classes_;
   PlaneModel* planes_;
   BundleMap& map_;
+  ExactPlanes exact_;
   std::vector<OuterIteration> iterations_;
 };
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <set>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
@@ -200,6 +201,16 @@ std::vector<OuterIteration> AdjustCameras(const Options& options, BundleMap& map
   return iterations;
 }
 
+void CountExactPlanes(const BundleProblem& problem, Report& report) {
+  std::set<int> planes;
+  for (const PointOnPlane& term : problem.points_on_planes) {
+    if (!term.is_exact) continue;
+    planes.insert(term.plane);
+    ++report.num_exact_points;
+  }
+  report.num_exact_planes = planes.size();
+}
+
 std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_t members) {
   if (options.planes.mode == PlaneMode::kOff) return {};
   if (planes.planes.empty()) return "no planes given: plain bundle adjustment";
@@ -214,6 +225,8 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("outliers", outliers, "Observations that are left out.");
   v.Group("intrinsics", intrinsics, "Camera parameters that are refined.");
   v.Group("planes", planes, "Planes and the points on them.");
+  v.Group("exact_planes", exact_planes, "Planes whose points are put onto them (mode hard).");
+  v.Group("retriangulation", retriangulation, "Points and tracks mended between solves.");
   v.Group("bending", bending, "Surfaces that bend: cut into pieces.");
   v.Group("relations", relations, "Planes that are parallel, orthogonal or coplanar.");
   v.Group("camera_height", camera_height, "The camera keeps its height above the ground.");
@@ -232,6 +245,7 @@ Report Run(const Options& options, const Input& input, Output& output) {
     const ScopedStep step(report.seconds, "build");
     map = BuildBundleMap(input.model);
     SelectObservations(options.outliers, sigma_px, true, map);
+    AddLooks(input.descriptors, input.semantics, map);
     ApplyConstraints(input.constraints, map);
     map.problem.gauge = ChooseGaugeWithConstraints(map.problem);
     CheckUsable(map);
@@ -255,6 +269,11 @@ Report Run(const Options& options, const Input& input, Output& output) {
   report.gauge_scale_change = HeldDistance(map.problem) / held_distance - 1.0;
   report.observations = report.iterations.back().observations;
   report.membership = report.iterations.back().membership;
+  for (const OuterIteration& iteration : report.iterations) {
+    report.num_retriangulated += iteration.retriangulated;
+    report.num_merged += iteration.merged;
+  }
+  CountExactPlanes(map.problem, report);
   report.median_depth = planes.median_depth;
   report.note = NoteOnPlanes(options, planes, report.membership.members);
   report.plane_mode = PlaneModeName(options.planes.mode);

@@ -11,7 +11,7 @@ namespace s3lam {
 namespace {
 
 constexpr std::array<std::string_view, 3> kSigmaKindNames{"pixel", "relative_depth", "metric"};
-constexpr std::array<std::string_view, 3> kPlaneModeNames{"off", "fixed", "joint"};
+constexpr std::array<std::string_view, 4> kPlaneModeNames{"off", "fixed", "joint", "hard"};
 constexpr double kMedianOfAbsoluteUnitNormal = 0.6744897501960817;
 constexpr double kHuberPlane = 1.96;
 
@@ -123,7 +123,8 @@ void PlaneSigmaOptions::Visit(OptionVisitor& v) {
 void PlaneOptions::Visit(OptionVisitor& v) {
   v.Choice("mode", mode, kPlaneModeNames,
            "off: plain bundle adjustment; fixed: planes held in a solve and fitted anew between "
-           "solves; joint: planes optimised too");
+           "solves; joint: planes optimised too; hard: joint, and the points of planes with "
+           "overwhelming evidence are moved onto them");
   v.Group("sigma", sigma, "Strength of the point-plane terms.");
   v.Group("membership", membership, "Which points lie on a plane.");
 }

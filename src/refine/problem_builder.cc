@@ -230,11 +230,10 @@ Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& orig
   }
   for (size_t k = 0; k < map.observations.size(); ++k) {
     const TrackElement& element = map.elements[k];
-    if (map.is_used[k] != 0) {
-      result.points.at(map.point_ids[map.observations[k].point]).track.push_back(element);
-    } else {
-      result.images.at(element.image_id).points2D[element.point2D_index].point_id = kInvalidPointId;
-    }
+    const PointId id =
+        map.is_used[k] != 0 ? map.point_ids[map.observations[k].point] : kInvalidPointId;
+    result.images.at(element.image_id).points2D[element.point2D_index].point_id = id;
+    if (id.valid()) result.points.at(id).track.push_back(element);
   }
   std::erase_if(result.points, [](const auto& entry) { return entry.second.track.empty(); });
   UpdatePointErrors(result);

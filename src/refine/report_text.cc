@@ -137,40 +137,44 @@ json ToJson(const RefineReport& report) {
   for (const ArmReport& arm : report.arms) arms.push_back(ToJson(arm));
   json iterations = json::array();
   for (const OuterIteration& iteration : report.iterations) iterations.push_back(ToJson(iteration));
-  return {{"images", report.num_images},
-          {"images_in_use", report.num_images_in_use},
-          {"points", report.num_points},
-          {"points_in_use", report.num_points_in_use},
-          {"observations",
-           {{"total", report.observations.total},
-            {"used", report.observations.used},
-            {"outliers", report.observations.outliers},
-            {"behind", report.observations.behind},
-            {"too_few", report.observations.too_few}}},
-          {"plane_points",
-           {{"on_planes", report.membership.members}, {"outliers", report.membership.outliers}}},
-          {"plane_mode", report.plane_mode},
-          {"note", report.note},
-          {"median_depth", report.median_depth},
-          {"metres_per_unit", report.metres_per_unit},
-          {"gauge_scale_change", report.gauge_scale_change},
-          {"camera_height",
-           {{"in_use", report.ground.in_use},
-            {"reason", report.ground.reason},
-            {"ground_planes", report.ground.num_planes},
-            {"cameras", report.ground.num_cameras},
-            {"height", report.ground.height},
-            {"spread_before", report.ground.spread_before},
-            {"spread_after", report.ground.spread_after}}},
-          {"frames", {{"total", report.frames.num_frames}, {"refined", report.frames.num_refined}}},
-          {"gravity", GravityToJson(report.gravity)},
-          {"cameras", CamerasToJson(report)},
-          {"arms", arms},
-          {"planes", PlanesToJson(report)},
-          {"plane_pairs", PairsToJson(report)},
-          {"iterations", iterations},
-          {"seconds", report.seconds},
-          {"peak_memory_mib", report.peak_memory_mib}};
+  return {
+      {"images", report.num_images},
+      {"images_in_use", report.num_images_in_use},
+      {"points", report.num_points},
+      {"points_in_use", report.num_points_in_use},
+      {"observations",
+       {{"total", report.observations.total},
+        {"used", report.observations.used},
+        {"outliers", report.observations.outliers},
+        {"behind", report.observations.behind},
+        {"too_few", report.observations.too_few}}},
+      {"plane_points",
+       {{"on_planes", report.membership.members}, {"outliers", report.membership.outliers}}},
+      {"plane_mode", report.plane_mode},
+      {"note", report.note},
+      {"points_retriangulated", report.num_retriangulated},
+      {"points_merged", report.num_merged},
+      {"exact_planes", {{"planes", report.num_exact_planes}, {"points", report.num_exact_points}}},
+      {"median_depth", report.median_depth},
+      {"metres_per_unit", report.metres_per_unit},
+      {"gauge_scale_change", report.gauge_scale_change},
+      {"camera_height",
+       {{"in_use", report.ground.in_use},
+        {"reason", report.ground.reason},
+        {"ground_planes", report.ground.num_planes},
+        {"cameras", report.ground.num_cameras},
+        {"height", report.ground.height},
+        {"spread_before", report.ground.spread_before},
+        {"spread_after", report.ground.spread_after}}},
+      {"frames", {{"total", report.frames.num_frames}, {"refined", report.frames.num_refined}}},
+      {"gravity", GravityToJson(report.gravity)},
+      {"cameras", CamerasToJson(report)},
+      {"arms", arms},
+      {"planes", PlanesToJson(report)},
+      {"plane_pairs", PairsToJson(report)},
+      {"iterations", iterations},
+      {"seconds", report.seconds},
+      {"peak_memory_mib", report.peak_memory_mib}};
 }
 
 std::string ToTable(const RefineReport& report) {
@@ -202,6 +206,14 @@ std::string ToTable(const RefineReport& report) {
               [&](size_t i) { return arms[i].pose_moved_median; });
   text +=
       Row("cameras moved, max [map units]", n, [&](size_t i) { return arms[i].pose_moved_max; });
+  if (report.num_exact_points > 0) {
+    text += fmt::format("\n{} points are exactly on {} planes\n", report.num_exact_points,
+                        report.num_exact_planes);
+  }
+  if (report.num_retriangulated + report.num_merged > 0) {
+    text += fmt::format("\n{} points triangulated anew, {} merged into others\n",
+                        report.num_retriangulated, report.num_merged);
+  }
   if (report.ground.in_use) {
     text += fmt::format(
         "\ncamera height {:.4g} map units over {} ground planes, varies by {:.2f} % (before {:.2f} "

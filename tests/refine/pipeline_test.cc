@@ -384,11 +384,19 @@ TEST(RefineBadInput, PointsBehindCamerasAreLeftOut) {
     point.xyz = behind;
     observations += point.track.size();
   }
+  Options options;
+  options.retriangulation.enabled = false;
   Output output;
-  const Report report = refine::Run(Options(), input, output);
+  const Report report = refine::Run(options, input, output);
   EXPECT_GT(report.observations.behind + report.observations.outliers + report.observations.too_few,
             90u);
   EXPECT_LT(Ate(output.model, map.truth), Ate(map.estimate, map.truth));
+  // Their observations tell where they are.
+  Output again;
+  const Report mended = refine::Run(Options(), input, again);
+  EXPECT_GT(mended.num_retriangulated, 10u);
+  EXPECT_GT(mended.observations.used, report.observations.used + 80);
+  EXPECT_LT(Ate(again.model, map.truth), Ate(map.estimate, map.truth));
 }
 
 TEST(RefineBadInput, RepeatedObservationsUnusedCamerasAndBlindImages) {

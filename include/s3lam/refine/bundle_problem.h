@@ -28,11 +28,13 @@ struct AnchoredPlane {
   static AnchoredPlane FromPlane(const Plane& plane_in_world, const Eigen::Vector3d& anchor);
 };
 
-/// A point lies on a plane, up to sigma [map units].
+/// A point lies on a plane, up to sigma [map units], or exactly: then it has two coordinates in the
+/// plane, moves with it, and has this term only.
 struct PointOnPlane {
   int point = 0;
   int plane = 0;
   double sigma = 1.0;
+  bool is_exact = false;
 };
 
 /// A camera is at the common height above a ground plane, up to sigma [part of the height].
@@ -96,6 +98,10 @@ struct BundleProblem {
   std::vector<HeightTerm> heights;
   double height = 1.0;  // The common height [map units]; a variable if there are height terms.
   Gauge gauge;
+
+  /// True if there is more to it than poses, points, planes, relations and heights: constant
+  /// points, camera parameters that are estimated, pose priors, points exactly on planes.
+  [[nodiscard]] bool HasSpecialTerms() const;
 };
 
 }  // namespace s3lam

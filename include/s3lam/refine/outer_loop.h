@@ -6,11 +6,13 @@
 #include "s3lam/base/options.h"
 #include "s3lam/refine/bending_planes.h"
 #include "s3lam/refine/bundle_solver.h"
+#include "s3lam/refine/exact_planes.h"
 #include "s3lam/refine/ground.h"
 #include "s3lam/refine/intrinsics.h"
 #include "s3lam/refine/plane_model.h"
 #include "s3lam/refine/problem_builder.h"
 #include "s3lam/refine/relations.h"
+#include "s3lam/refine/retriangulation.h"
 
 namespace s3lam {
 
@@ -27,6 +29,9 @@ struct OuterIteration {
   BundleSolverReport solve;
   ObservationCounts observations;
   MembershipCounts membership;
+  size_t exact_points = 0;  // On planes, exactly (mode hard).
+  size_t retriangulated = 0;
+  size_t merged = 0;
   double seconds = 0.0;
 };
 
@@ -35,6 +40,8 @@ struct OuterLoopSettings {
   OutlierOptions outliers;
   IntrinsicsOptions intrinsics;
   PlaneOptions planes;
+  ExactPlaneOptions exact_planes;
+  RetriangulationOptions retriangulation;
   BendingOptions bending;
   RelationOptions relations;
   CameraHeightOptions camera_height;
@@ -42,7 +49,8 @@ struct OuterLoopSettings {
 };
 
 /// Bundle adjustment without planes, again until the outliers settle. Logs one line per iteration.
-/// Throws std::runtime_error if a solve fails.
+/// Throws std::runtime_error if a solve fails or, without having
+/// converged, improves nothing.
 std::vector<OuterIteration> AdjustPlain(const OuterLoopSettings& settings, BundleMap& map);
 
 /// Bundle adjustment with planes, after AdjustPlain: update the planes, assign points to them,

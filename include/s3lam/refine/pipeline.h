@@ -33,6 +33,7 @@ struct Input {
   /// What frames that are no images of the model see of its points; may be empty.
   FrameObservations observations;
   Constraints constraints;
+  PointDescriptors descriptors;  // What the points look like; may be empty.
 };
 
 struct Output {

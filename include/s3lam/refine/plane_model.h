@@ -41,6 +41,7 @@ enum class PlaneMode {
   kOff,    // Global bundle adjustment only.
   kFixed,  // The paper: planes held fixed in a solve, fitted anew between solves.
   kJoint,  // Planes are optimised together with poses and points.
+  kHard,   // Joint, and the points of planes with overwhelming evidence are exactly on them.
 };
 
 /// "off", "fixed", ...

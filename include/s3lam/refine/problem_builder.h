@@ -5,6 +5,7 @@
 
 #include "s3lam/base/options.h"
 #include "s3lam/refine/bundle_problem.h"
+#include "s3lam/scene/descriptor.h"
 #include "s3lam/scene/reconstruction.h"
 
 namespace s3lam {
@@ -15,6 +16,13 @@ struct OutlierOptions {
   int min_image_observations = 6;
 
   void Visit(OptionVisitor& v);
+};
+
+/// What tells whether two points may be the same.
+struct PointLook {
+  bool is_known = false;
+  int group = -1;  // Points of different groups are not the same.
+  BinaryDescriptor descriptor{};
 };
 
 /// A reconstruction as a bundle problem, with the way back. Every observation of the model is kept
@@ -28,6 +36,7 @@ struct BundleMap {
   std::vector<TrackElement> elements;           // Per observation.
   std::vector<BundleObservation> observations;  // Grouped by point, points ascending.
   std::vector<uint8_t> is_used;                 // Per observation: is in problem.observations.
+  std::vector<PointLook> looks;                 // Per point; empty if nothing is known.
 
   /// Index of a point; -1 if the model does not have it.
   [[nodiscard]] int IndexOfPoint(PointId id) const;

@@ -51,7 +51,9 @@ struct RefineReport {
   MembershipCounts membership;
   std::string plane_mode;
   std::string note;  // Why it is plain bundle adjustment, if it is one although planes were wanted.
-  double median_depth = 0.0;        // [map units]
+  size_t num_retriangulated = 0, num_merged = 0;      // Points, over all iterations.
+  size_t num_exact_planes = 0, num_exact_points = 0;  // Mode hard.
+  double median_depth = 0.0;                          // [map units]
   double metres_per_unit = 0.0;     // If the camera's height is known: the output is in metres.
   double gauge_scale_change = 0.0;  // Of the held distance, relative: zero if the gauge held.
   GroundReport ground;
