@@ -39,7 +39,8 @@ constexpr const char* kDescription =
     "                    model's world (world_from_camera; map units, degrees; 0: not known), an\n"
     "                    image's name in the place of the time t if there is no keyframes.txt\n"
     "Writes --output     the refined COLMAP model, keyframes.txt, frames.txt, planes.json,\n"
-    "                    planes.ply, report.json (before and after), config.json; on request\n"
+    "                    planes.ply, report.json and report.txt (before and after), config.json; "
+    "on request\n"
     "                    covariance.json";
 
 void ReadTrajectories(const fs::path& model, refine::Input& input) {
@@ -110,7 +111,7 @@ void CopyIfPresent(const fs::path& from, const fs::path& to) {
 }
 
 void WriteOutput(const fs::path& model, const refine::Options& options,
-                 const refine::Output& output, const nlohmann::json& report,
+                 const refine::Output& output, const refine::Report& report,
                  const fs::path& directory) {
   WriteColmapModel(output.model, directory);
   if (!output.keyframes.empty()) WriteTumTrajectory(output.keyframes, directory / "keyframes.txt");
@@ -125,7 +126,8 @@ void WriteOutput(const fs::path& model, const refine::Options& options,
   }
   CopyIfPresent(model / "descriptors.bin", directory / "descriptors.bin");
   CopyIfPresent(model / "project.ini", directory / "project.ini");
-  WriteJson(directory / "report.json", report);
+  WriteJson(directory / "report.json", ToJson(report));
+  WriteFile(directory / "report.txt", [&](std::ostream& stream) { stream << ToTable(report); });
   WriteJson(directory / "config.json", OptionsToJson(options));
 }
 
@@ -143,10 +145,9 @@ void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   refine::Output output;
   refine::Report report = refine::Run(options, input, output);
   report.seconds["read"] = read_s;
-  const nlohmann::json json = ToJson(report);
-  WriteOutput(model, options, output, json, directory.path());
+  WriteOutput(model, options, output, report, directory.path());
   directory.Commit();
-  PrintReport(common, ToTable(report), json);
+  PrintReport(common, ToTable(report), ToJson(report));
 }
 
 }  // namespace
