@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 
+#include "common/config_files.h"
 #include "common/program.h"
 #include "s3lam/base/error.h"
 #include "s3lam/eval/cloud_metrics.h"
@@ -131,7 +132,8 @@ void MeasureAngles(const po::variables_map& arguments, const std::string& file,
 std::map<int, std::string> ClassNames(const po::variables_map& arguments) {
   std::map<int, std::string> names;
   if (arguments.count("classes") == 0) return names;
-  for (const SemanticClass& c : ReadClassTable(Required(arguments, "classes")).classes) {
+  for (const SemanticClass& c :
+       ReadClassTable(FindConfigFile(Required(arguments, "classes"), "classes")).classes) {
     names[c.id] = c.name;
   }
   return names;

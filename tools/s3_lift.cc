@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "common/config_files.h"
 #include "common/program.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
@@ -50,7 +51,8 @@ po::options_description Arguments() {
       "of the format label-divisor: N * label + instance");
   add("confusion", po::value<std::string>()->default_value("")->value_name("FILE.npy"),
       "confusion matrix of the masks, float32, true class x class in the masks");
-  add("classes", po::value<std::string>()->value_name("FILE.json"), "class table");
+  add("classes", po::value<std::string>()->value_name("FILE.json"),
+      "class table: a file, or a name such\nas coco or cityscapes");
   add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
   add("lenient", po::bool_switch(), "skip and count masks that cannot be used");
   return description;
@@ -194,7 +196,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   if (arguments["lenient"].as<bool>()) options.lookup.lenient = true;
   const fs::path model_path = Required(arguments, "model");
   const fs::path mask_path = Required(arguments, "masks");
-  const fs::path class_path = Required(arguments, "classes");
+  const fs::path class_path = FindConfigFile(Required(arguments, "classes"), "classes");
   const fs::path output_path = Required(arguments, "output");
   const MaskFormat format = ParseMaskFormat(arguments["mask-format"].as<std::string>());
   OutputDirectory output(output_path, common.overwrite);

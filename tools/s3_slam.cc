@@ -3,6 +3,7 @@
 #include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
 
+#include "common/config_files.h"
 #include "common/program.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
@@ -46,7 +47,8 @@ ImageSequence Open(const po::variables_map& arguments) {
   ImageSequence sequence =
       OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range);
   if (arguments.count("camera") > 0) {
-    sequence.camera = ReadCameraJson(arguments["camera"].as<std::string>()).camera;
+    sequence.camera =
+        ReadCameraJson(FindConfigFile(arguments["camera"].as<std::string>(), "cameras")).camera;
   }
   if (!sequence.camera) {
     ThrowInputError("{}: no camera: give --camera FILE or put a camera.json into the folder", path);
@@ -128,7 +130,8 @@ int main(int argc, char** argv) {
   add("sequence", po::value<std::string>()->value_name("DIR|VIDEO"), "the images");
   add("format", po::value<std::string>()->default_value("auto"),
       "auto, tum, kitti, kitti-raw, euroc, folder or video");
-  add("camera", po::value<std::string>()->value_name("FILE"), "camera.json");
+  add("camera", po::value<std::string>()->value_name("FILE"),
+      "camera.json, or a name such as tum_fr1");
   add("frames", po::value<std::string>()->value_name("A:B:STEP"), "use only these frames");
   add("output", po::value<std::string>()->value_name("DIR"), "where the result goes");
   SetConfiguration(s3lam::slam::Options{}, program);
