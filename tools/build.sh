@@ -9,7 +9,7 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
 targets=(all)
 if [[ "${1:-}" == --programs ]]; then
-  targets=(s3-slam s3-lift s3-refine s3-eval s3-synth)
+  targets=(s3-slam s3-lift s3-refine s3-eval s3-report s3-synth)
   shift
 fi
 if [[ "${1:-}" == -- ]]; then shift; fi

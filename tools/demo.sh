@@ -25,6 +25,8 @@ fi
 
 cat << EOF
 
+Everything in one page, for any browser: $output/report.html
+
 The refined model is in $output/3_refine, the map coloured by class in
 $output/2_lift/model_by_class. To look at them:
 

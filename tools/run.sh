@@ -12,12 +12,13 @@ usage: tools/run.sh (--sequence DIR|VIDEO | --model DIR) --masks DIR --classes F
   --model DIR            a COLMAP model instead; runs s3-lift, s3-refine
   --masks DIR            panoptic masks, named as the images
   --classes FILE         class table, e.g. configs/classes/coco.json
-  --output DIR           receives 1_slam/, 2_lift/, 3_refine/
+  --output DIR           receives 1_slam/, 2_lift/, 3_refine/, report.html
   --overwrite            replace what an earlier run left in these folders
 
   --ground-truth FILE    TUM or KITTI trajectory: adds the trajectory error to the final table,
                          and a bundle adjustment without planes (3_refine_plain/) to compare with;
                          needs --sequence
+  --images DIR           with --model: its images, for the keyframes in report.html
   --camera FILE          camera.json, where the sequence does not bring one
   --format NAME          of the sequence (default: auto)
   --frames A:B:STEP      use only these frames
@@ -36,7 +37,7 @@ fail_usage() {
 }
 
 sequence='' model='' masks='' classes='' output='' ground_truth=''
-slam=() lift=() refine=() common=()
+slam=() lift=() refine=() report=() common=()
 while (($# > 0)); do
   case $1 in
     --help | -h) usage && exit 0 ;;
@@ -50,6 +51,7 @@ while (($# > 0)); do
     --classes) classes=$2 ;;
     --output) output=$2 ;;
     --ground-truth) ground_truth=$2 ;;
+    --images) report+=("$1" "$2") ;;
     --camera | --format | --frames) slam+=("$1" "$2") ;;
     --mask-format | --mask-json | --label-map) lift+=("$1" "$2") ;;
     --slam-config) slam+=(--config "$2") ;;
@@ -88,7 +90,10 @@ fi
 if [[ -n $ground_truth ]]; then
   "$bin/s3-refine" --model "$model" --semantics "$output/2_lift" \
     --output "$output/3_refine_plain" "${refine[@]}" "${common[@]}" --set planes.mode=off > /dev/null
+  report+=(--ground-truth "$ground_truth")
   summary+=(--plain "$output/3_refine_plain" --ground-truth "$ground_truth" --eval "$bin/s3-eval")
 fi
 python3 "$root/tools/summary.py" "${summary[@]}" --lift "$output/2_lift" \
   --refine "$output/3_refine"
+"$bin/s3-report" --run "$output" --output "$output/report.html" "${report[@]}" "${common[@]}" \
+  > /dev/null

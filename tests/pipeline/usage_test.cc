@@ -50,8 +50,8 @@ TEST_P(AnyProgram, UnknownProgressStyle) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Programs, AnyProgram,
-                         ::testing::Values("s3-slam", "s3-lift", "s3-refine", "s3-eval",
-                                           "s3-synth"),
+                         ::testing::Values("s3-slam", "s3-lift", "s3-refine", "s3-eval", "s3-synth",
+                                           "s3-report"),
                          [](const auto& test) { return test.param.substr(3); });
 
 class Configuration : public testing::ModelTest {

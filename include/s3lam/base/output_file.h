@@ -1,0 +1,30 @@
+#pragma once
+
+#include <filesystem>
+#include <string_view>
+
+namespace s3lam {
+
+/// A result file that appears whole or not at all: written into a hidden file beside the target,
+/// flushed to disk and renamed into place by Commit(). Without Commit() nothing is left.
+class OutputFile {
+ public:
+  /// Throws InputError if `target` exists and `overwrite` is false, if it is a folder, or if the
+  /// place beside it cannot be written to.
+  OutputFile(std::filesystem::path target, bool overwrite);
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+
+  /// Throws std::runtime_error naming the file if writing, flushing or renaming fails, or if a
+  /// target has appeared meanwhile that must not be replaced.
+  void Commit(std::string_view content);
+
+ private:
+  std::filesystem::path target_;
+  std::filesystem::path staging_;
+  bool overwrite_;
+  int fd_ = -1;
+};
+
+}  // namespace s3lam

@@ -1,0 +1,181 @@
+#include "s3lam/report/tables.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace s3lam::report {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kNothing = "-";
+
+const json* FindReport(const RunFolder& run, const std::string& folder) {
+  for (const StageRecord& stage : run.stages) {
+    if (stage.folder == folder && stage.report.is_object()) return &stage.report;
+  }
+  return nullptr;
+}
+
+/// A list in a report; an empty one where there is none.
+json ListIn(const json* report, const char* key) {
+  if (report == nullptr || !report->contains(key) || !(*report)[key].is_array()) {
+    return json::array();
+  }
+  return (*report)[key];
+}
+
+/// Reports may come from another version: what is not a number is not shown.
+std::string NumberIn(const json& object, const char* key, const char* unit = "") {
+  if (!object.is_object() || !object.contains(key) || !object[key].is_number()) return kNothing;
+  return fmt::format("{:.4g}{}", object[key].get<double>(), unit);
+}
+
+std::string TextIn(const json& object, const char* key) {
+  if (!object.is_object() || !object.contains(key) || !object[key].is_string()) return kNothing;
+  return object[key].get<std::string>();
+}
+
+std::vector<std::string> Row(std::string label, const RunFolder& run,
+                             const std::function<std::string(size_t)>& cell) {
+  std::vector<std::string> row = {std::move(label)};
+  for (size_t k = 0; k < run.arms.size(); ++k) row.push_back(cell(k));
+  return row;
+}
+
+std::string ClassName(const RunFolder& run, PlaneId id) {
+  const PlanarSurface& plane = run.semantics->planes.at(id);
+  return run.semantics->class_table.classes.at(static_cast<size_t>(plane.class_index)).name;
+}
+
+/// "plane 3 (book)", also for a plane the semantic map does not know.
+std::string NameOfPlane(const RunFolder& run, const json& pair, const char* key) {
+  if (!pair.is_object() || !pair.contains(key) || !pair[key].is_number_unsigned()) return kNothing;
+  const PlaneId id(pair[key].get<uint32_t>());
+  if (!run.semantics || !run.semantics->planes.contains(id)) return fmt::format("{}", id.value());
+  return fmt::format("{} ({})", id.value(), ClassName(run, id));
+}
+
+/// The entry of one plane in the report of the planar adjustment; null without one.
+json RefinedPlane(const RunFolder& run, PlaneId id) {
+  for (const json& plane : ListIn(FindReport(run, "3_refine"), "planes")) {
+    if (plane.is_object() && plane.value("id", json()) == json(id.value())) return plane;
+  }
+  return {};
+}
+
+}  // namespace
+
+Table SummaryTable(const RunFolder& run, const Measures& measures) {
+  Table table;
+  table.title = "Summary";
+  table.header = {""};
+  for (const Arm& arm : run.arms) table.header.push_back(arm.title);
+  const auto count = [](size_t n) { return fmt::format("{}", n); };
+  table.rows.push_back(Row("images in the model", run,
+                           [&](size_t k) { return count(run.arms[k].model.images.size()); }));
+  table.rows.push_back(
+      Row("poses", run, [&](size_t k) { return count(run.arms[k].trajectory.size()); }));
+  table.rows.push_back(
+      Row("points", run, [&](size_t k) { return count(run.arms[k].model.points.size()); }));
+  table.rows.push_back(
+      Row("planes", run, [&](size_t k) { return count(run.arms[k].planes.size()); }));
+  if (!measures.frame.errors.empty()) {
+    table.rows.push_back(Row("trajectory error, RMSE [ground truth's unit]", run, [&](size_t k) {
+      return fmt::format("{:.5g}", measures.frame.errors[k].rmse);
+    }));
+  }
+  table.rows.push_back(Row(fmt::format("reprojection error of {} common observations, RMS [px]",
+                                       measures.reprojection_px.front().size()),
+                           run, [&](size_t k) {
+                             return fmt::format("{:.4f}",
+                                                RootMeanSquare(measures.reprojection_px[k]));
+                           }));
+  if (measures.planes.empty()) return table;
+  const std::string points =
+      fmt::format("distance of {} points from their planes, ", measures.plane_distances[0].size());
+  table.rows.push_back(
+      Row(points + fmt::format("RMS [{}]", measures.frame.unit), run, [&](size_t k) {
+        return fmt::format("{:.5g}", RootMeanSquare(measures.plane_distances[k]));
+      }));
+  table.rows.push_back(
+      Row(points + fmt::format("median [{}]", measures.frame.unit), run,
+          [&](size_t k) { return fmt::format("{:.5g}", Median(measures.plane_distances[k])); }));
+  return table;
+}
+
+Table PlaneTable(const RunFolder& run, const Measures& measures) {
+  Table table;
+  table.title = "Planes";
+  table.header = {"plane", "class", "object", "points"};
+  table.num_text_columns = 2;
+  for (const Arm& arm : run.arms) {
+    table.header.push_back(fmt::format("median off it, {} [{}]", arm.title, measures.frame.unit));
+  }
+  table.header.insert(table.header.end(), {"turned [deg]", "kappa"});
+  if (!run.semantics) return table;
+  for (const auto& [id, plane] : run.semantics->planes) {
+    std::vector<std::string> row = {fmt::format("{}", id.value()), ClassName(run, id),
+                                    fmt::format("{}", plane.cluster_id.value()),
+                                    fmt::format("{}", plane.inliers.size())};
+    const auto measured = std::find_if(measures.planes.begin(), measures.planes.end(),
+                                       [&](const PlaneDistances& p) { return p.id == id; });
+    for (size_t k = 0; k < run.arms.size(); ++k) {
+      row.push_back(measured == measures.planes.end()
+                        ? kNothing
+                        : fmt::format("{:.4g}", measures.frame.view_from_arm[k].scale *
+                                                    Median(measured->distances[k])));
+    }
+    const json refined = RefinedPlane(run, id);
+    row.push_back(NumberIn(refined, "turned_deg"));
+    row.push_back(NumberIn(refined, "kappa"));
+    table.rows.push_back(std::move(row));
+  }
+  return table;
+}
+
+Table RelationTable(const RunFolder& run) {
+  Table table;
+  table.title = "Relations of planes";
+  table.header = {"plane", "and plane", "relation", "enforced"};
+  table.num_text_columns = 4;
+  const json* report = FindReport(run, "3_refine");
+  const json arms = ListIn(report, "arms");
+  for (const json& arm : arms) {
+    table.header.push_back(fmt::format("off, {} [deg]", TextIn(arm, "name")));
+  }
+  for (const json& pair : ListIn(report, "plane_pairs")) {
+    const bool enforced = pair.is_object() && pair.value("enforced", json()) == json(true);
+    std::vector<std::string> row = {NameOfPlane(run, pair, "a"), NameOfPlane(run, pair, "b"),
+                                    TextIn(pair, "relation"), enforced ? "yes" : "no"};
+    const json deviations = pair.is_object() ? ListIn(&pair, "deviation_deg") : json::array();
+    for (size_t k = 0; k < arms.size(); ++k) {
+      const bool known = k < deviations.size() && deviations[k].is_number();
+      row.push_back(known ? fmt::format("{:.3f}", deviations[k].get<double>()) : kNothing);
+    }
+    table.rows.push_back(std::move(row));
+  }
+  return table;
+}
+
+Table TimingTable(const RunFolder& run) {
+  Table table;
+  table.title = "Timings";
+  table.header = {"stage", "step", "seconds"};
+  table.num_text_columns = 2;
+  for (const StageRecord& stage : run.stages) {
+    if (!stage.report.is_object()) continue;
+    if (stage.report.contains("seconds") && stage.report["seconds"].is_object()) {
+      for (const auto& [step, seconds] : stage.report["seconds"].items()) {
+        if (!seconds.is_number()) continue;
+        table.rows.push_back({stage.folder, step, fmt::format("{:.3f}", seconds.get<double>())});
+      }
+    }
+    table.rows.push_back(
+        {stage.folder, "peak memory", NumberIn(stage.report, "peak_memory_mib", " MiB")});
+  }
+  return table;
+}
+
+}  // namespace s3lam::report
