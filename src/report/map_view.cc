@@ -13,6 +13,8 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr int kSubpixelBits = 4;
+// Drawn so much larger and then averaged: OpenCV's small circles are diamonds.
+constexpr int kSupersampling = 2;
 
 /// The interval that holds the middle 98 of 100 values.
 std::pair<double, double> MiddleOf(std::vector<double> values) {
@@ -72,7 +74,7 @@ ViewBounds BoundsOfView(MapView view, const std::vector<MapPoint>& points,
     bounds.min = bounds.min.cwiseMin(p);
     bounds.max = bounds.max.cwiseMax(p);
   }
-  const Vector2d margin = Vector2d::Constant(0.03 * (bounds.max - bounds.min).maxCoeff() + 1e-9);
+  const Vector2d margin = Vector2d::Constant(0.06 * (bounds.max - bounds.min).maxCoeff() + 1e-9);
   bounds.min -= margin;
   bounds.max += margin;
   return bounds;
@@ -89,7 +91,7 @@ cv::Mat DrawMapView(MapView view, const ViewBounds& bounds, const std::vector<Ma
   const Vector2d middle = 0.5 * (bounds.min + bounds.max);
   const auto to_fixed = [&](const Vector2d& p) {
     const Vector2d q = (p - middle) * scale;
-    const Vector2d px(0.5 * width + q.x(), 0.5 * height - q.y());
+    const Vector2d px = kSupersampling * Vector2d(0.5 * width + q.x(), 0.5 * height - q.y());
     const Vector2d fixed = px.cwiseMax(-1e4).cwiseMin(1e5) * (1 << kSubpixelBits);
     return cv::Point(static_cast<int>(std::lround(fixed.x())),
                      static_cast<int>(std::lround(fixed.y())));
@@ -101,8 +103,8 @@ cv::Mat DrawMapView(MapView view, const ViewBounds& bounds, const std::vector<Ma
   std::stable_sort(order.begin(), order.end(),
                    [&](size_t a, size_t b) { return in_view[a].z() < in_view[b].z(); });
 
-  cv::Mat picture(height, width, CV_8UC3, cv::Scalar::all(255));
-  const int radius = points.size() > 50000 ? 1 << kSubpixelBits : 3 << (kSubpixelBits - 1);
+  cv::Mat picture(kSupersampling * height, kSupersampling * width, CV_8UC3, cv::Scalar::all(255));
+  const int radius = (points.size() > 50000 ? 1 : 3) << kSubpixelBits;
   for (const size_t i : order) {
     const Rgb& c = points[i].color;
     cv::circle(picture, to_fixed(in_view[i].head<2>()), radius, cv::Scalar(c[2], c[1], c[0]),
@@ -110,8 +112,11 @@ cv::Mat DrawMapView(MapView view, const ViewBounds& bounds, const std::vector<Ma
   }
   std::vector<cv::Point> line;
   for (const Vector3d& center : path) line.push_back(to_fixed((axes * center).head<2>()));
-  cv::polylines(picture, line, false, cv::Scalar(60, 60, 220), 1, cv::LINE_AA, kSubpixelBits);
-  return picture;
+  cv::polylines(picture, line, false, cv::Scalar(60, 60, 220), kSupersampling, cv::LINE_AA,
+                kSubpixelBits);
+  cv::Mat averaged;
+  cv::resize(picture, averaged, {width, height}, 0.0, 0.0, cv::INTER_AREA);
+  return averaged;
 }
 
 }  // namespace s3lam
