@@ -38,7 +38,9 @@ void WritePictures(const std::vector<report::Figure>& figures, const fs::path& d
     const auto* drawing = std::get_if<Drawing>(&figure.picture);
     const cv::Mat image =
         drawing ? drawing->ToImage(kScaleOfDrawings) : std::get<cv::Mat>(figure.picture);
-    if (!cv::imwrite(path.string(), image)) {
+    if (!cv::imwrite(path.string(), image,
+                     {cv::IMWRITE_PNG_COMPRESSION, 9, cv::IMWRITE_PNG_STRATEGY,
+                      cv::IMWRITE_PNG_STRATEGY_DEFAULT})) {
       throw std::runtime_error(fmt::format("{}: cannot write", path.string()));
     }
   }

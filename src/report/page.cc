@@ -50,7 +50,9 @@ std::string DataUri(const cv::Mat& image, bool photograph, int jpeg_quality) {
   std::vector<uchar> bytes;
   const bool done =
       photograph ? cv::imencode(".jpg", image, bytes, {cv::IMWRITE_JPEG_QUALITY, jpeg_quality})
-                 : cv::imencode(".png", image, bytes);
+                 : cv::imencode(".png", image, bytes,
+                                {cv::IMWRITE_PNG_COMPRESSION, 9, cv::IMWRITE_PNG_STRATEGY,
+                                 cv::IMWRITE_PNG_STRATEGY_DEFAULT});
   if (!done) throw std::runtime_error("cannot encode a picture of the report");
   return fmt::format("data:image/{};base64,{}", photograph ? "jpeg" : "png",
                      Base64({reinterpret_cast<const char*>(bytes.data()), bytes.size()}));

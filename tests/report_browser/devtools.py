@@ -137,6 +137,12 @@ class Page:
         self.frames()
         self.frames()
 
-    def screenshot(self, whole=False):
-        """PNG in base64."""
-        return self.call("Page.captureScreenshot", captureBeyondViewport=whole)["data"]
+    def screenshot(self, element=None):
+        """PNG in base64 of what is in the window, or of the element of this id."""
+        if element is None:
+            return self.call("Page.captureScreenshot")["data"]
+        left, top, width, height = self.evaluate(
+            f"""(() => {{ const b = document.getElementById('{element}').getBoundingClientRect();
+              return [b.left + scrollX, b.top + scrollY, b.width, b.height]; }})()""")
+        clip = {"x": left, "y": top, "width": width, "height": height, "scale": 0.75}
+        return self.call("Page.captureScreenshot", clip=clip)["data"]
