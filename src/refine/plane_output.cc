@@ -133,6 +133,8 @@ nlohmann::json PlanesToJson(const SemanticMap& map) {
     for (const Eigen::Vector2d& corner : surface.extent) {
       outline.push_back({corner.x(), corner.y()});
     }
+    nlohmann::json inliers = nlohmann::json::array();
+    for (const PointId point : surface.inliers) inliers.push_back(point.value());
     planes.push_back({{"id", id.value()},
                       {"class", map.class_table.classes.at(surface.class_index).name},
                       {"cluster_id", surface.cluster_id.value()},
@@ -143,6 +145,7 @@ nlohmann::json PlanesToJson(const SemanticMap& map) {
                       {"axis_v_in_world", ToJson(surface.axis_v_in_world)},
                       {"extent_uv", outline},
                       {"points", surface.inliers.size()},
+                      {"inliers", std::move(inliers)},
                       {"rms", surface.rms},
                       {"rms_sigma", surface.rms_sigma}});
   }

@@ -126,12 +126,12 @@ PlanarSurface ParsePlane(const nlohmann::json& entry, const SemanticMap& semanti
   for (const auto& corner : entry.at("extent_uv")) plane.extent.push_back(ParseVector<2>(corner));
   plane.rms = entry.at("rms").get<double>();
   plane.rms_sigma = entry.at("rms_sigma").get<double>();
-  const auto original = semantics.planes.find(plane.id);
-  if (original == semantics.planes.end()) {
-    throw std::out_of_range(fmt::format("2_lift has no plane {}", plane.id.value()));
+  const auto cluster = semantics.clusters.find(plane.cluster_id);
+  if (cluster == semantics.clusters.end()) {
+    throw std::out_of_range(fmt::format("2_lift has no cluster {}", plane.cluster_id.value()));
   }
-  plane.class_index = original->second.class_index;
-  plane.inliers = original->second.inliers;
+  plane.class_index = cluster->second.class_index;
+  for (const auto& point : entry.at("inliers")) plane.inliers.emplace_back(point.get<uint64_t>());
   return plane;
 }
 
@@ -144,6 +144,15 @@ std::vector<PlanarSurface> ReadRefinedPlanes(const fs::path& path, const Semanti
     for (const auto& entry : document.at("planes")) planes.push_back(ParsePlane(entry, semantics));
   } catch (const std::exception& error) {
     ThrowInputError("{}: planes[{}]: {}", path.string(), planes.size(), error.what());
+  }
+  return planes;
+}
+
+std::map<PlaneId, PlanarSurface> AllPlanes(const RunFolder& run) {
+  std::map<PlaneId, PlanarSurface> planes;
+  if (run.semantics) planes = run.semantics->planes;
+  for (const Arm& arm : run.arms) {
+    for (const PlanarSurface& plane : arm.planes) planes.emplace(plane.id, plane);
   }
   return planes;
 }

@@ -44,17 +44,18 @@ std::vector<std::string> Row(std::string label, const RunFolder& run,
   return row;
 }
 
-std::string ClassName(const RunFolder& run, PlaneId id) {
-  const PlanarSurface& plane = run.semantics->planes.at(id);
+std::string ClassName(const RunFolder& run, const PlanarSurface& plane) {
   return run.semantics->class_table.classes.at(static_cast<size_t>(plane.class_index)).name;
 }
 
-/// "plane 3 (book)", also for a plane the semantic map does not know.
-std::string NameOfPlane(const RunFolder& run, const json& pair, const char* key) {
+/// "3 (book)"; the number alone for a plane that no part of the run knows.
+std::string NameOfPlane(const RunFolder& run, const std::map<PlaneId, PlanarSurface>& planes,
+                        const json& pair, const char* key) {
   if (!pair.is_object() || !pair.contains(key) || !pair[key].is_number_unsigned()) return kNothing;
   const PlaneId id(pair[key].get<uint32_t>());
-  if (!run.semantics || !run.semantics->planes.contains(id)) return fmt::format("{}", id.value());
-  return fmt::format("{} ({})", id.value(), ClassName(run, id));
+  const auto plane = planes.find(id);
+  if (plane == planes.end()) return fmt::format("{}", id.value());
+  return fmt::format("{} ({})", id.value(), ClassName(run, plane->second));
 }
 
 /// The entry of one plane in the report of the planar adjustment; null without one.
@@ -115,8 +116,8 @@ Table PlaneTable(const RunFolder& run, const Measures& measures) {
   }
   table.header.insert(table.header.end(), {"turned [deg]", "kappa"});
   if (!run.semantics) return table;
-  for (const auto& [id, plane] : run.semantics->planes) {
-    std::vector<std::string> row = {fmt::format("{}", id.value()), ClassName(run, id),
+  for (const auto& [id, plane] : AllPlanes(run)) {
+    std::vector<std::string> row = {fmt::format("{}", id.value()), ClassName(run, plane),
                                     fmt::format("{}", plane.cluster_id.value()),
                                     fmt::format("{}", plane.inliers.size())};
     const auto measured = std::find_if(measures.planes.begin(), measures.planes.end(),
@@ -140,6 +141,7 @@ Table RelationTable(const RunFolder& run) {
   table.title = "Relations of planes";
   table.header = {"plane", "and plane", "relation", "enforced"};
   table.num_text_columns = 4;
+  const std::map<PlaneId, PlanarSurface> planes = AllPlanes(run);
   const json* report = FindReport(run, "3_refine");
   const json arms = ListIn(report, "arms");
   for (const json& arm : arms) {
@@ -147,8 +149,9 @@ Table RelationTable(const RunFolder& run) {
   }
   for (const json& pair : ListIn(report, "plane_pairs")) {
     const bool enforced = pair.is_object() && pair.value("enforced", json()) == json(true);
-    std::vector<std::string> row = {NameOfPlane(run, pair, "a"), NameOfPlane(run, pair, "b"),
-                                    TextIn(pair, "relation"), enforced ? "yes" : "no"};
+    std::vector<std::string> row = {NameOfPlane(run, planes, pair, "a"),
+                                    NameOfPlane(run, planes, pair, "b"), TextIn(pair, "relation"),
+                                    enforced ? "yes" : "no"};
     const json deviations = pair.is_object() ? ListIn(&pair, "deviation_deg") : json::array();
     for (size_t k = 0; k < arms.size(); ++k) {
       const bool known = k < deviations.size() && deviations[k].is_number();

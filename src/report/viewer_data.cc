@@ -70,10 +70,9 @@ class Builder {
     Add("color", colors);
   }
 
-  /// Classes, clusters, planes, and per point its place in them and its distribution.
+  /// Classes, clusters, planes, and per point its cluster and its distribution.
   void AddLabels() {
     std::vector<int32_t> cluster(ids_.size(), -1);
-    std::vector<int32_t> plane(ids_.size(), -1);
     std::vector<uint16_t> top_class(kTopClasses * ids_.size(), 0);
     std::vector<uint8_t> top_share(kTopClasses * ids_.size(), 0);
     data_.meta["classes"] = json::array();
@@ -90,17 +89,8 @@ class Builder {
         if (found != cluster_index_.end()) cluster[i] = found->second;
         AddDistribution(map, row->second, &top_class[kTopClasses * i], &top_share[kTopClasses * i]);
       }
-      for (const auto& [id, surface] : map.planes) {
-        for (const PointId point : surface.inliers) {
-          const auto at = std::lower_bound(ids_.begin(), ids_.end(), point);
-          if (at != ids_.end() && *at == point) {
-            plane[static_cast<size_t>(at - ids_.begin())] = plane_index_.at(id);
-          }
-        }
-      }
     }
     Add("cluster", cluster);
-    Add("plane", plane);
     Add("top-class", top_class);
     Add("top-share", top_share);
   }
@@ -113,7 +103,7 @@ class Builder {
       data_.meta["clusters"].push_back(
           {{"id", id.value()}, {"class", cluster.class_index}, {"points", cluster.points.size()}});
     }
-    for (const auto& [id, plane] : map.planes) {
+    for (const auto& [id, plane] : AllPlanes(run_)) {
       plane_index_[id] = static_cast<int32_t>(plane_index_.size());
       data_.meta["planes"].push_back({{"id", id.value()},
                                       {"class", plane.class_index},
@@ -166,7 +156,21 @@ class Builder {
     Add(fmt::format("path-{}", k), path);
     json planes = json::array();
     for (const PlanarSurface& plane : arm.planes) planes.push_back(PlaneJson(plane, view_from_arm));
+    AddMembers(k);
     return {{"title", arm.title}, {"planes", std::move(planes)}};
+  }
+
+  /// The plane each point is on in one arm, or -1.
+  void AddMembers(size_t k) {
+    std::vector<int32_t> plane_of_point(ids_.size(), -1);
+    for (const PlanarSurface& plane : run_.arms[k].planes) {
+      for (const PointId point : plane.inliers) {
+        const auto at = std::lower_bound(ids_.begin(), ids_.end(), point);
+        if (at == ids_.end() || *at != point) continue;
+        plane_of_point[static_cast<size_t>(at - ids_.begin())] = plane_index_.at(plane.id);
+      }
+    }
+    Add(fmt::format("plane-{}", k), plane_of_point);
   }
 
   /// Centre and image corners of every camera, a small distance before it.
@@ -198,6 +202,7 @@ class Builder {
     const auto& c = run_.semantics->class_table.classes.at(static_cast<size_t>(plane.class_index));
     return {{"index", plane_index_.at(plane.id)},
             {"color", c.color},
+            {"points", plane.inliers.size()},
             {"outline", std::move(outline)},
             {"centroid", ToJson(view_from_arm * plane.centroid_in_world)},
             {"normal", ToJson(view_from_arm.rotation * plane.plane_in_world.normal)},

@@ -191,6 +191,18 @@ TEST(ReportPipeline, NoKeyframesOnRequest) {
   EXPECT_EQ(FigureNames(Make(input, options).output, "keyframes").size(), 3u);
 }
 
+// The planar adjustment divides planes: the pieces have ids of their own.
+TEST(ReportPipeline, PlanesThatOnlyRefinementKnows) {
+  const RunOnDisk run;
+  const fs::path path = run.path() / "3_refine" / "planes.json";
+  nlohmann::json planes = ReadJson(path);
+  planes["planes"][0]["id"] = 4000;
+  WriteJson(path, planes);
+  const Made made = Make(InputOf(run));
+  EXPECT_THAT(made.output.html, HasSubstr("<td class=\"text\">4000</td>"));
+  EXPECT_EQ(CheckPage(made.output.html).exit_code, 0);
+}
+
 TEST(RunFolder, EmptyAndAbsentFoldersAreRefused) {
   const testing::TempDir directory;
   EXPECT_THAT([&] { ReadRunFolder(directory.path()); },
@@ -215,7 +227,7 @@ TEST(RunFolder, DamagedPlanesAreNamed) {
   spoiled["planes"][0]["normal_in_world"] = {1.0, 2.0};
   expect_refused(spoiled);
   spoiled = planes;
-  spoiled["planes"][0]["id"] = 4000;
+  spoiled["planes"][0]["cluster_id"] = 4000;
   expect_refused(spoiled);
   expect_refused(nlohmann::json::object());
 }

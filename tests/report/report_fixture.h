@@ -41,10 +41,13 @@ inline nlohmann::json PlanesJson(const SemanticMap& map) {
     return std::vector<double>(v.data(), v.data() + v.size());
   };
   for (const auto& [id, plane] : map.planes) {
+    nlohmann::json inliers = nlohmann::json::array();
+    for (const PointId point : plane.inliers) inliers.push_back(point.value());
     planes.push_back({{"id", id.value()},
                       {"cluster_id", plane.cluster_id.value()},
                       {"normal_in_world", list(plane.plane_in_world.normal)},
                       {"offset", plane.plane_in_world.offset},
+                      {"inliers", std::move(inliers)},
                       {"centroid_in_world", list(plane.centroid_in_world)},
                       {"axis_u_in_world", list(plane.axis_u_in_world)},
                       {"axis_v_in_world", list(plane.axis_v_in_world)},

@@ -16,7 +16,7 @@ SemanticMap RefinedSemantics(const SemanticMap& original, const PlaneModel& plan
                              const PlaneSigmaOptions& sigma, double sigma_px);
 
 /// planes.json: list of planes with equation (normal . x + offset = 0), centroid, axes, outline,
-/// number of points and spread.
+/// points and spread.
 nlohmann::json PlanesToJson(const SemanticMap& map);
 
 /// Corners of the convex hull, counter-clockwise; fewer than three for points on a line.

@@ -18,8 +18,8 @@ struct Arm {
   std::string key;    // "before", "plain", "planar"; in file names.
   std::string title;  // For people.
   Reconstruction model;
-  Trajectory trajectory;              // All frames if known, else the keyframes; may be empty.
-  std::vector<PlanarSurface> planes;  // Inliers are those of the semantic map, where it knows them.
+  Trajectory trajectory;  // All frames if known, else the keyframes; may be empty.
+  std::vector<PlanarSurface> planes;
 };
 
 /// The report.json and config.json of one folder; null where there is none.
@@ -45,8 +45,12 @@ struct RunFolder {
 /// belong together.
 RunFolder ReadRunFolder(const std::filesystem::path& directory);
 
-/// planes.json, with the inliers of the semantic map's planes of the same id.
+/// planes.json. Refinement may divide planes, so that there are some the semantic map does not
+/// know; their clusters it has to know.
 std::vector<PlanarSurface> ReadRefinedPlanes(const std::filesystem::path& path,
                                              const SemanticMap& semantics);
+
+/// The planes of the semantic map, and those that only an arm has.
+std::map<PlaneId, PlanarSurface> AllPlanes(const RunFolder& run);
 
 }  // namespace s3lam::report

@@ -17,7 +17,7 @@ struct Measures {
 };
 
 Table SummaryTable(const RunFolder& run, const Measures& measures);
-/// One row per plane of the semantic map.
+/// One row per plane; distances only for planes of the semantic map, whose points all arms know.
 Table PlaneTable(const RunFolder& run, const Measures& measures);
 /// The pairs of nearly parallel or orthogonal planes, from the report of the planar adjustment.
 Table RelationTable(const RunFolder& run);

@@ -20,7 +20,6 @@
   const ids = new Float64Array(bytesOf('id'));
   const ownColor = new Uint8Array(bytesOf('color'));
   const clusterOf = new Int32Array(bytesOf('cluster'));  // Index into meta.clusters, or -1.
-  const planeOf = new Int32Array(bytesOf('plane'));      // Index into meta.planes, or -1.
   const topClass = new Uint16Array(bytesOf('top-class'));
   const topShare = new Uint8Array(bytesOf('top-share'));
   const arms = meta.arms.map((arm, k) => {
@@ -32,6 +31,7 @@
     }
     return {
       info: arm, position, present,
+      planeOf: new Int32Array(bytesOf('plane-' + k)),  // Index into meta.planes, or -1.
       cameras: new Float32Array(bytesOf('cameras-' + k)),
       path: new Float32Array(bytesOf('path-' + k)),
     };
@@ -143,11 +143,12 @@
 
   // ---- what is shown ----
   const classOfPoint = (i) => clusterOf[i] >= 0 ? meta.clusters[clusterOf[i]].class : -1;
+  const planeOf = (i) => arms[state.arm].planeOf[i];
   function shown(i) {
-    if (state.onlyPlanes && planeOf[i] < 0) return false;
+    if (state.onlyPlanes && planeOf(i) < 0) return false;
     if (clusterOf[i] < 0) return state.unlabelled;
     if (!state.clusters[clusterOf[i]] || !state.classes[classOfPoint(i)]) return false;
-    return planeOf[i] < 0 || state.planes[planeOf[i]];
+    return planeOf(i) < 0 || state.planes[planeOf(i)];
   }
   function distinct(n) {  // A hue per number, far from its neighbours' hues.
     const c = new THREE.Color().setHSL((n * 0.61803398875) % 1, 0.65, 0.6, 'srgb');
@@ -160,7 +161,7 @@
   function colorOf(i) {
     if (state.color === 'class') return clusterOf[i] < 0 ? grey : meta.classes[classOfPoint(i)].color;
     if (state.color === 'cluster') return clusterOf[i] < 0 ? grey : clusterColors[clusterOf[i]];
-    return planeOf[i] < 0 ? grey : planeColors[planeOf[i]];
+    return planeOf(i) < 0 ? grey : planeColors[planeOf(i)];
   }
   function updateColors() {
     if (state.color === 'own') {
@@ -198,6 +199,7 @@
   function setArm(k) {
     state.arm = k;
     geometry.setAttribute('position', positions[k]);
+    if (state.color === 'plane') updateColors();
     updateVisible();
     draw();
   }
@@ -275,7 +277,7 @@
     const entry = meta.planes[plane.index];
     return ['plane ' + entry.id + ': ' + meta.classes[entry.class].name + ', object ' +
                 meta.clusters[entry.cluster].id,
-            entry.points + ' points', 'normal in the model ' + vector(plane.normal_in_world),
+            plane.points + ' points', 'normal in the model ' + vector(plane.normal_in_world),
             'points off it, RMS ' + plane.rms.toPrecision(3) +
                 (plane.rms_sigma > 0 ? ' (' + plane.rms_sigma.toPrecision(3) + ' sigma)' : '')];
   }
@@ -294,7 +296,7 @@
     } else {
       lines.push('in no object');
     }
-    const plane = arms[state.arm].info.planes.find((q) => q.index === planeOf[i]);
+    const plane = arms[state.arm].info.planes.find((q) => q.index === planeOf(i));
     return plane ? lines.concat(describePlane(plane)) : lines;
   }
   const tip = byId('tip');
