@@ -63,11 +63,18 @@ void DrawKeypoints(const Image& image, const SemanticMap& map, const RowOfPoint&
   }
 }
 
+/// A pixel that is in the picture or not too far from it: near the image plane pixels run off to
+/// infinity, and a camera's distortion means nothing there.
+bool IsNear(const Camera& camera, const Vector2d& xy) {
+  const Vector2d size(static_cast<double>(camera.width), static_cast<double>(camera.height));
+  return (xy.cwiseQuotient(size).array() - 0.5).abs().maxCoeff() < 4.0;
+}
+
 /// The outline in the picture: its edges in short pieces, since a distorted line is bent; broken
-/// where it is behind the camera.
+/// where it is behind the camera or far outside the picture.
 void DrawOutline(const Camera& camera, const Rigid3& cam_from_world, const PlanarSurface& plane,
                  const cv::Scalar& color, double scale, cv::Mat& picture) {
-  constexpr int kPieces = 12;
+  constexpr int kPieces = 48;
   std::vector<cv::Point> line;
   const auto flush = [&] {
     if (line.size() > 1) DrawLine(line, false, color, 1, picture);
@@ -81,7 +88,7 @@ void DrawOutline(const Camera& camera, const Rigid3& cam_from_world, const Plana
       const Vector3d in_world =
           plane.centroid_in_world + uv.x() * plane.axis_u_in_world + uv.y() * plane.axis_v_in_world;
       const auto xy = camera.ImageFromCamera(cam_from_world * in_world);
-      if (xy) {
+      if (xy && IsNear(camera, *xy)) {
         line.push_back(ToFixed(*xy, scale));
       } else {
         flush();
