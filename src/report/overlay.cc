@@ -63,15 +63,22 @@ void DrawKeypoints(const Image& image, const SemanticMap& map, const RowOfPoint&
   }
 }
 
-/// A pixel that is in the picture or not too far from it: near the image plane pixels run off to
-/// infinity, and a camera's distortion means nothing there.
-bool IsNear(const Camera& camera, const Vector2d& xy) {
+/// The pixel of a point, if it is in the picture or not too far from it: near the image plane
+/// pixels run off to infinity, and far from the axis a distortion folds back into the picture,
+/// which going back from the pixel to the ray shows.
+std::optional<Vector2d> ProjectNear(const Camera& camera, const Vector3d& point_in_camera) {
+  const auto xy = camera.ImageFromCamera(point_in_camera);
+  if (!xy) return std::nullopt;
   const Vector2d size(static_cast<double>(camera.width), static_cast<double>(camera.height));
-  return (xy.cwiseQuotient(size).array() - 0.5).abs().maxCoeff() < 4.0;
+  if (!((xy->cwiseQuotient(size).array() - 0.5).abs().maxCoeff() < 4.0)) return std::nullopt;
+  const Vector2d ray = point_in_camera.hnormalized();
+  const auto back = camera.CameraFromImage(*xy);
+  if (!back || !((*back - ray).norm() < 1e-3 * (1.0 + ray.norm()))) return std::nullopt;
+  return xy;
 }
 
 /// The outline in the picture: its edges in short pieces, since a distorted line is bent; broken
-/// where it is behind the camera or far outside the picture.
+/// where the camera cannot see it.
 void DrawOutline(const Camera& camera, const Rigid3& cam_from_world, const PlanarSurface& plane,
                  const cv::Scalar& color, double scale, cv::Mat& picture) {
   constexpr int kPieces = 48;
@@ -87,8 +94,8 @@ void DrawOutline(const Camera& camera, const Rigid3& cam_from_world, const Plana
       const Vector2d uv = (1.0 - part) * plane.extent[i] + part * plane.extent[(i + 1) % count];
       const Vector3d in_world =
           plane.centroid_in_world + uv.x() * plane.axis_u_in_world + uv.y() * plane.axis_v_in_world;
-      const auto xy = camera.ImageFromCamera(cam_from_world * in_world);
-      if (xy && IsNear(camera, *xy)) {
+      const auto xy = ProjectNear(camera, cam_from_world * in_world);
+      if (xy) {
         line.push_back(ToFixed(*xy, scale));
       } else {
         flush();
@@ -104,8 +111,8 @@ void DrawNormal(const Camera& camera, const Rigid3& cam_from_world, const Planar
   const double distance = (cam_from_world * foot_in_world).norm();
   const Vector3d tip_in_world =
       foot_in_world + options.arrow_length * distance * plane.plane_in_world.normal;
-  const auto foot = camera.ImageFromCamera(cam_from_world * foot_in_world);
-  const auto tip = camera.ImageFromCamera(cam_from_world * tip_in_world);
+  const auto foot = ProjectNear(camera, cam_from_world * foot_in_world);
+  const auto tip = ProjectNear(camera, cam_from_world * tip_in_world);
   if (!foot || !tip) return;
   DrawLine({ToFixed(*foot, options.scale), ToFixed(*tip, options.scale)}, false, color, 2, picture);
   const Vector2d arm = *tip - *foot;

@@ -108,6 +108,21 @@ TEST(Overlay, PlaneBehindTheCameraIsNoError) {
   EXPECT_EQ(flat.Draw().size(), cv::Size(640, 480));
 }
 
+// Barrel distortion bends rays far from the axis back: this edge would cross the picture.
+TEST(Overlay, OutlineBeyondTheFoldOfTheDistortionIsNotDrawn) {
+  Flat flat;
+  Camera& camera = flat.model.cameras.at(CameraId(1));
+  camera = testing::MakeTestCamera(CameraModel::kSimpleRadial);
+  flat.map.planes.at(PlaneId(2)).extent = {{17.6, -20}, {17.6, 20}, {17.7, 0}};
+  const auto folded = camera.ImageFromCamera(flat.image->cam_from_world * Vector3d(17.6, 0.0, 0.0));
+  ASSERT_TRUE(folded);
+  ASSERT_GT(folded->x(), 0.0);
+  ASSERT_LT(folded->x(), 640.0);
+  ASSERT_GT(folded->y(), 0.0);
+  ASSERT_LT(folded->y(), 480.0);
+  EXPECT_EQ(At(flat.Draw(), *folded), kWhite);
+}
+
 TEST(MapView, NearerPointsCoverFartherOnes) {
   const std::vector<MapPoint> points = {{{0, 0, 1}, {255, 0, 0}}, {{0, 0, 0}, {0, 255, 0}}};
   const ViewBounds bounds{{-1, -1}, {1, 1}};
