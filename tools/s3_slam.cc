@@ -28,7 +28,11 @@ constexpr const char* kDescription =
     "        video; the camera from --camera, else from what the sequence brings.\n"
     "Writes  --output: cameras.bin, images.bin, points3D.bin (COLMAP), keyframes.txt and\n"
     "        frames.txt (TUM, world_from_camera), descriptors.bin, observations.bin (what frames\n"
-    "        that are no keyframes see), project.ini, report.json, config.json.";
+    "        that are no keyframes see), project.ini, report.json, config.json. Where the "
+    "sequence\n"
+    "        falls apart, this is the largest map; others that do not meet it go to the folders "
+    "1,\n"
+    "        2, ... of it. The report says which frames are to be trusted.";
 
 SequenceFormat ParseFormat(const std::string& name) {
   const auto format = SequenceFormatFromName(name);
@@ -69,25 +73,48 @@ slam::Input MakeInput(const ImageSequence& sequence, const FrameReader& reader) 
   return input;
 }
 
+void WriteModel(const slam::Model& model, const ImageSequence& sequence,
+                const std::filesystem::path& directory) {
+  WriteColmapModel(model.reconstruction, directory);
+  WriteColmapProject(std::filesystem::absolute(sequence.image_root), directory / "project.ini");
+  WriteTumTrajectory(model.keyframes, directory / "keyframes.txt");
+  WriteTumTrajectory(model.frames, directory / "frames.txt");
+  WriteDescriptors(model.descriptors, directory / "descriptors.bin");
+  WriteFrameObservations(model.observations, directory / "observations.bin");
+}
+
+/// The largest map lies in the folder itself, others in folders 1, 2, ... of it.
 void Write(const slam::Result& result, const slam::Options& options, const nlohmann::json& report,
            const ImageSequence& sequence, const std::filesystem::path& directory) {
-  WriteColmapModel(result.reconstruction, directory);
-  WriteColmapProject(std::filesystem::absolute(sequence.image_root), directory / "project.ini");
-  WriteTumTrajectory(result.keyframes, directory / "keyframes.txt");
-  WriteTumTrajectory(result.frames, directory / "frames.txt");
-  WriteDescriptors(result.descriptors, directory / "descriptors.bin");
-  WriteFrameObservations(result.observations, directory / "observations.bin");
+  for (size_t m = 0; m < result.models.size(); ++m) {
+    const auto folder = m == 0 ? directory : directory / std::to_string(m);
+    std::filesystem::create_directories(folder);
+    WriteModel(result.models[m], sequence, folder);
+  }
   WriteJson(directory / "report.json", report);
   WriteJson(directory / "config.json", OptionsToJson(options));
 }
 
 std::string Table(const slam::Report& report, const std::string& output) {
+  const slam::MapReport& main = report.maps.front();
   std::string table;
-  table += fmt::format("frames localised    {} of {}\n", report.num_localized, report.num_frames);
-  table += fmt::format("keyframes           {}\n", report.num_keyframes);
-  table += fmt::format("points              {}\n", report.num_points);
-  table += fmt::format("mean track length   {:.2f}\n", report.mean_track_length);
-  table += fmt::format("reprojection RMS    {:.3f} px\n", report.rms_px);
+  table += fmt::format("frames localised    {} of {}\n", main.num_frames, report.num_frames);
+  table += fmt::format("keyframes           {}\n", main.num_keyframes);
+  table += fmt::format("points              {}\n", main.num_points);
+  table += fmt::format("mean track length   {:.2f}\n", main.mean_track_length);
+  table += fmt::format("reprojection RMS    {:.3f} px\n", main.rms_px);
+  table += fmt::format("loops closed        {}\n", main.loops.closed.size());
+  for (size_t m = 1; m < report.maps.size(); ++m) {
+    const slam::MapReport& map = report.maps[m];
+    table += fmt::format("map apart           {}/{}: {} frames of {} to {}, {} keyframes\n", output,
+                         m, map.num_frames, map.first_frame, map.last_frame, map.num_keyframes);
+  }
+  for (const slam::StretchReport& stretch : report.stretches) {
+    if (stretch.state == slam::StretchReport::State::kGood) continue;
+    const bool lost = stretch.state == slam::StretchReport::State::kLost;
+    table += fmt::format("{}     frames {} to {}\n", lost ? "not localised  " : "little trusted ",
+                         stretch.first_frame, stretch.last_frame);
+  }
   for (const auto& [step, seconds] : report.seconds) {
     table += fmt::format("{:<26}{:8.2f} s\n", step, seconds);
   }

@@ -44,7 +44,7 @@ void AddImages(const Input& input, Camera camera, const Map& map, const std::vec
 }
 
 /// Ids of the exported points, by their index in the map.
-std::vector<PointId> AddPoints(const Map& map, Result& result) {
+std::vector<PointId> AddPoints(const Map& map, Model& model) {
   std::vector<PointId> ids(static_cast<size_t>(map.num_points()), kInvalidPointId);
   uint64_t next_id = 1;
   for (int p = 0; p < map.num_points(); ++p) {
@@ -57,32 +57,32 @@ std::vector<PointId> AddPoints(const Map& map, Result& result) {
     for (const MapObservation& o : point.observations) {
       const ImageId image = ImageOfFrame(map.keyframe(o.keyframe).frame);
       scene_point.track.push_back({image, static_cast<uint32_t>(o.keypoint)});
-      result.reconstruction.images.at(image).points2D[o.keypoint].point_id = id;
+      model.reconstruction.images.at(image).points2D[o.keypoint].point_id = id;
     }
     std::sort(scene_point.track.begin(), scene_point.track.end());
-    result.reconstruction.points.emplace(id, std::move(scene_point));
-    result.descriptors.emplace(id, point.descriptor);
+    model.reconstruction.points.emplace(id, std::move(scene_point));
+    model.descriptors.emplace(id, point.descriptor);
   }
   return ids;
 }
 
 void AddFrameObservations(const Input& input, const Map& map,
                           const std::vector<FrameTrack>& localized,
-                          const std::vector<PointId>& point_ids, Result& result) {
+                          const std::vector<PointId>& point_ids, Model& model) {
   for (size_t i = 0; i < localized.size(); ++i) {
     const int index = static_cast<int>(i);
-    if (!localized[i].tracked || result.reconstruction.images.contains(ImageOfFrame(index))) {
+    if (!localized[i].tracked || model.reconstruction.images.contains(ImageOfFrame(index))) {
       continue;
     }
     ObservedFrame frame;
     frame.time_s = input.times_s[i];
-    frame.camera_id = result.reconstruction.cameras.begin()->first;
+    frame.camera_id = model.reconstruction.cameras.begin()->first;
     for (const PointMatch& match : localized[i].matches) {
       const PointId id = point_ids[match.point];
       const Keypoint& keypoint = map.frame(index).keypoint(match.keypoint);
       if (id.valid()) frame.observations.push_back({id, keypoint.pixel, keypoint.sigma});
     }
-    result.observations.push_back(std::move(frame));
+    model.observations.push_back(std::move(frame));
   }
 }
 
@@ -112,34 +112,14 @@ void AddColors(const Input& input, Reconstruction& reconstruction) {
   }
 }
 
-void AddTrajectories(const Input& input, const std::vector<FrameTrack>& localized, Result& result) {
+void AddTrajectories(const Input& input, const std::vector<FrameTrack>& localized, Model& model) {
   for (size_t i = 0; i < localized.size(); ++i) {
     if (!localized[i].tracked) continue;
     const TimedPose pose{input.times_s[i], localized[i].cam_from_world.Inverse()};
-    result.frames.push_back(pose);
-    if (result.reconstruction.images.contains(ImageOfFrame(static_cast<int>(i)))) {
-      result.keyframes.push_back(pose);
+    model.frames.push_back(pose);
+    if (model.reconstruction.images.contains(ImageOfFrame(static_cast<int>(i)))) {
+      model.keyframes.push_back(pose);
     }
-  }
-}
-
-void FillReport(const std::vector<FrameTrack>& localized, Result& result) {
-  Report& report = result.report;
-  report.num_frames = static_cast<int>(localized.size());
-  report.num_localized = static_cast<int>(result.frames.size());
-  report.num_keyframes = static_cast<int>(result.reconstruction.images.size());
-  report.num_points = static_cast<int>(result.reconstruction.points.size());
-  report.num_observations = static_cast<int>(result.reconstruction.NumObservations());
-  if (report.num_points > 0) {
-    report.mean_track_length =
-        static_cast<double>(report.num_observations) / static_cast<double>(report.num_points);
-  }
-  report.rms_px = ComputeReprojectionStatistics(result.reconstruction).rms_px;
-  for (size_t i = 0; i < localized.size(); ++i) {
-    report.frames.push_back(
-        {localized[i].tracked,
-         result.reconstruction.images.contains(ImageOfFrame(static_cast<int>(i))),
-         static_cast<int>(localized[i].matches.size())});
   }
 }
 
@@ -166,15 +146,65 @@ CalibrationProblem MakeCalibrationProblem(const Map& map) {
   return problem;
 }
 
-void Export(const Input& input, const Camera& camera, const Map& map,
-            const std::vector<FrameTrack>& localized, Result& result) {
-  AddImages(input, camera, map, KeyframesInTime(map), result.reconstruction);
-  const std::vector<PointId> point_ids = AddPoints(map, result);
-  AddFrameObservations(input, map, localized, point_ids, result);
-  AddColors(input, result.reconstruction);
-  UpdatePointErrors(result.reconstruction);
-  AddTrajectories(input, localized, result);
-  FillReport(localized, result);
+Model Export(const Input& input, const Camera& camera, const Map& map,
+             const std::vector<FrameTrack>& localized) {
+  Model model;
+  AddImages(input, camera, map, KeyframesInTime(map), model.reconstruction);
+  const std::vector<PointId> point_ids = AddPoints(map, model);
+  AddFrameObservations(input, map, localized, point_ids, model);
+  AddColors(input, model.reconstruction);
+  UpdatePointErrors(model.reconstruction);
+  AddTrajectories(input, localized, model);
+  return model;
+}
+
+MapReport DescribeMap(const Model& model, const MapBuilder& builder,
+                      const std::vector<FrameTrack>& localized) {
+  MapReport report;
+  report.num_frames = static_cast<int>(model.frames.size());
+  report.num_keyframes = static_cast<int>(model.reconstruction.images.size());
+  report.num_points = static_cast<int>(model.reconstruction.points.size());
+  report.num_observations = static_cast<int>(model.reconstruction.NumObservations());
+  if (report.num_points > 0) {
+    report.mean_track_length =
+        static_cast<double>(report.num_observations) / static_cast<double>(report.num_points);
+  }
+  report.rms_px = ComputeReprojectionStatistics(model.reconstruction).rms_px;
+  for (int i = 0; i < static_cast<int>(localized.size()); ++i) {
+    if (!localized[i].tracked) continue;
+    if (report.first_frame < 0) report.first_frame = i;
+    report.last_frame = i;
+  }
+  report.num_relocalizations = builder.num_relocalizations();
+  report.initial_frames = {builder.initial_pair().frame_a, builder.initial_pair().frame_b};
+  report.initial_parallax_deg = builder.initial_pair().parallax_deg;
+  return report;
+}
+
+FrameReport DescribeFrame(const Undistorter& undistorter, const Map& map, int frame,
+                          const FrameTrack& track) {
+  constexpr int kCells = 4;  // Along each side of the image.
+  FrameReport report;
+  report.num_inliers = static_cast<int>(track.matches.size());
+  std::array<bool, kCells * kCells> covered{};
+  double squared = 0.0;
+  const Eigen::Vector2d size = undistorter.upper() - undistorter.lower();
+  for (const PointMatch& match : track.matches) {
+    const Keypoint& keypoint = map.frame(frame).keypoint(match.keypoint);
+    const Eigen::Vector2d xy = keypoint.undistorted.cast<double>();
+    squared += SquaredError(undistorter.intrinsics(), track.cam_from_world,
+                            map.point(match.point).position, xy, 1.0 / keypoint.sigma);
+    const Eigen::Vector2d cell = (xy - undistorter.lower()).cwiseQuotient(size) * kCells;
+    const int column = std::clamp(static_cast<int>(cell.x()), 0, kCells - 1);
+    const int row = std::clamp(static_cast<int>(cell.y()), 0, kCells - 1);
+    covered[static_cast<size_t>(row * kCells + column)] = true;
+  }
+  report.spread = static_cast<double>(std::count(covered.begin(), covered.end(), true)) /
+                  static_cast<double>(covered.size());
+  // Two measurements a point.
+  if (!track.matches.empty()) report.rms_sigma = std::sqrt(squared / (2.0 * report.num_inliers));
+  report.trust = FrameTrust(report.num_inliers, report.spread, report.rms_sigma);
+  return report;
 }
 
 }  // namespace s3lam::slam

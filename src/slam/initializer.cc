@@ -95,7 +95,7 @@ int ExtendTracks(const FrameFeatures& start, const FrameFeatures& next, double r
 
 class PairEvaluator {
  public:
-  PairEvaluator(const InitializerOptions& options, const std::vector<FrameFeatures>& frames,
+  PairEvaluator(const InitializerOptions& options, std::span<const FrameFeatures> frames,
                 const Undistorter& undistorter)
       : options_(options), frames_(frames), camera_(undistorter.intrinsics()) {}
 
@@ -319,7 +319,7 @@ class PairEvaluator {
   }
 
   const InitializerOptions& options_;
-  const std::vector<FrameFeatures>& frames_;
+  std::span<const FrameFeatures> frames_;
   PinholeIntrinsics camera_;
   std::array<int, kNumViews> views_{};
   std::vector<const Track*> tracks_;
@@ -347,7 +347,7 @@ double Quality(const InitializerOptions& options, const InitialPair& pair) {
 
 /// The best pair that begins with frame `start`.
 std::optional<InitialPair> BestPairFrom(const InitializerOptions& options,
-                                        const std::vector<FrameFeatures>& frames,
+                                        std::span<const FrameFeatures> frames,
                                         const Undistorter& undistorter, int start) {
   const int end = static_cast<int>(frames.size());
   const double side = std::max(undistorter.camera().width, undistorter.camera().height);
@@ -385,7 +385,7 @@ void InitializerOptions::Visit(OptionVisitor& v) {
 }
 
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
-                                           const std::vector<FrameFeatures>& frames,
+                                           std::span<const FrameFeatures> frames,
                                            const Undistorter& undistorter, int num_threads) {
   const int end = static_cast<int>(frames.size());
   const int step = std::max(1, end / options.num_starts);

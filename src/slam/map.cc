@@ -11,6 +11,14 @@ namespace s3lam {
 Map::Map(std::vector<FrameFeatures>& frames, const FeatureOptions& options)
     : frames_(frames), level_sigmas_(LevelSigmas(options)) {}
 
+Map& Map::operator=(const Map& other) {
+  S3LAM_CHECK(&frames_ == &other.frames_);
+  level_sigmas_ = other.level_sigmas_;
+  keyframes_ = other.keyframes_;
+  points_ = other.points_;
+  return *this;
+}
+
 int Map::AddKeyframe(int frame, const Rigid3& cam_from_world) {
   Keyframe keyframe;
   keyframe.frame = frame;
@@ -87,6 +95,28 @@ void Map::MergePoints(int kept, int dropped) {
   UpdateGeometry(kept);
 }
 
+void Map::Append(const Map& other, const Similarity3& this_from_other) {
+  S3LAM_CHECK(&frames_ == &other.frames_);
+  const int first_keyframe = num_keyframes();
+  const int first_point = num_points();
+  const auto shifted = [](int index, int by) { return index == kNoIndex ? kNoIndex : index + by; };
+  for (Keyframe keyframe : other.keyframes_) {
+    keyframe.cam_from_world = TransformCameraPose(this_from_other, keyframe.cam_from_world);
+    keyframe.anchor = shifted(keyframe.anchor, first_keyframe);
+    keyframe.cam_from_anchor.translation *= this_from_other.scale;
+    for (int& point : keyframe.point_of_keypoint) point = shifted(point, first_point);
+    keyframes_.push_back(std::move(keyframe));
+  }
+  for (MapPoint point : other.points_) {
+    point.position = this_from_other * point.position;
+    point.first_keyframe = shifted(point.first_keyframe, first_keyframe);
+    point.replaced_by = shifted(point.replaced_by, first_point);
+    for (MapObservation& o : point.observations) o.keyframe += first_keyframe;
+    points_.push_back(std::move(point));
+  }
+  for (int p = first_point; p < num_points(); ++p) UpdateGeometry(p);
+}
+
 void Map::UpdateAppearance(int index) {
   MapPoint& point = points_[index];
   const size_t n = point.observations.size();
@@ -131,6 +161,27 @@ std::vector<PointMatch> Map::MatchesOf(int keyframe) const {
     if (points[i] != kNoIndex) matches.push_back({static_cast<int>(i), points[i]});
   }
   return matches;
+}
+
+std::vector<int> Map::AliveKeyframes() const {
+  std::vector<int> alive;
+  for (int k = 0; k < num_keyframes(); ++k) {
+    if (keyframes_[k].alive) alive.push_back(k);
+  }
+  return alive;
+}
+
+size_t Map::NumObservations() const {
+  size_t count = 0;
+  for (const MapPoint& point : points_) count += point.observations.size();
+  return count;
+}
+
+int Map::AnchorOf(int keyframe) const {
+  while (!keyframes_[keyframe].alive && keyframes_[keyframe].anchor != kNoIndex) {
+    keyframe = keyframes_[keyframe].anchor;
+  }
+  return keyframe;
 }
 
 Rigid3 Map::PoseOf(int keyframe) const {
@@ -180,6 +231,18 @@ double Map::MedianDepth(int keyframe) const {
   const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
   std::nth_element(depths.begin(), middle, depths.end());
   return *middle;
+}
+
+std::vector<int> PointsOf(const Map& map, const std::vector<int>& keyframes) {
+  std::vector<int> points;
+  for (const int keyframe : keyframes) {
+    for (const int point : map.keyframe(keyframe).point_of_keypoint) {
+      if (point != kNoIndex) points.push_back(point);
+    }
+  }
+  std::sort(points.begin(), points.end());
+  points.erase(std::unique(points.begin(), points.end()), points.end());
+  return points;
 }
 
 }  // namespace s3lam

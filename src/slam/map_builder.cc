@@ -8,8 +8,8 @@
 namespace s3lam {
 namespace {
 
-constexpr int kRecentKeyframesToTry = 5;
-constexpr int kMaxKeyframesToTry = 30;
+constexpr int kNearKeyframesToTry = 5;
+constexpr int kSimilarKeyframesToTry = 8;
 constexpr int kRecoverStep = 2;  // Frames between attempts to recognise the place.
 
 /// The motion from one frame to the next that takes `gap` equal steps to make `motion`.
@@ -22,11 +22,15 @@ Rigid3 Fraction(const Rigid3& motion, int gap) {
 
 MapBuilder::MapBuilder(const TrackerOptions& tracker_options, const MapperOptions& mapper_options,
                        const FeatureOptions& feature_options, std::vector<FrameFeatures>& frames,
-                       const Undistorter& undistorter, ProgressCallback progress)
+                       const Undistorter& undistorter, const Vocabulary& vocabulary,
+                       std::vector<uint8_t> frame_is_taken, ProgressCallback progress)
     : frames_(frames),
       map_(frames, feature_options),
       tracker_(tracker_options, undistorter),
       mapper_(mapper_options, undistorter),
+      vocabulary_(vocabulary),
+      places_(vocabulary),
+      frame_is_taken_(std::move(frame_is_taken)),
       progress_(std::move(progress)),
       tracks_(frames.size()) {}
 
@@ -60,6 +64,16 @@ void MapBuilder::Start(const InitialPair& pair) {
 
 bool MapBuilder::IsTracked(int frame) const {
   return frame >= 0 && frame < static_cast<int>(tracks_.size()) && tracks_[frame].tracked;
+}
+
+bool MapBuilder::IsFree(int frame) const {
+  return frame >= 0 && frame < static_cast<int>(tracks_.size()) && !tracks_[frame].tracked &&
+         frame_is_taken_[frame] == 0;
+}
+
+int MapBuilder::NumTracked() const {
+  return static_cast<int>(std::count_if(tracks_.begin(), tracks_.end(),
+                                        [](const FrameTrack& track) { return track.tracked; }));
 }
 
 Rigid3 MapBuilder::PredictPose(int frame, int direction) const {
@@ -105,7 +119,7 @@ void MapBuilder::MakeKeyframe(int frame) {
 
 int MapBuilder::Follow(int first, int direction) {
   int frame = first;
-  while (frame >= 0 && frame < static_cast<int>(frames_.size()) && !IsTracked(frame)) {
+  while (IsFree(frame)) {
     if (!TrackFrame(frame, direction)) {
       spdlog::info("tracking lost at frame {}", frame);
       break;
@@ -118,46 +132,68 @@ int MapBuilder::Follow(int first, int direction) {
   return frame;
 }
 
-int MapBuilder::Recover(int lost) {
-  std::vector<int> alive;
-  for (int k = map_.num_keyframes() - 1; k >= 0; --k) {
-    if (map_.keyframe(k).alive) alive.push_back(k);
+std::vector<int> MapBuilder::Lookalikes(int frame) {
+  std::vector<uint8_t> is_erased(static_cast<size_t>(map_.num_keyframes()), 0);
+  for (int k = 0; k < map_.num_keyframes(); ++k) is_erased[k] = map_.keyframe(k).alive ? 0 : 1;
+  for (; num_indexed_ < map_.num_keyframes(); ++num_indexed_) {
+    if (is_erased[num_indexed_] != 0) continue;
+    places_.Add(num_indexed_, vocabulary_.Describe(map_.features(num_indexed_)));
   }
-  // The latest keyframes and an even choice of the others.
-  std::vector<int> keyframes;
-  const size_t recent = std::min<size_t>(alive.size(), kRecentKeyframesToTry);
-  keyframes.assign(alive.begin(), alive.begin() + static_cast<std::ptrdiff_t>(recent));
-  const size_t rest = alive.size() - recent;
-  const size_t stride = rest / (kMaxKeyframesToTry - kRecentKeyframesToTry) + 1;
-  for (size_t i = recent; i < alive.size(); i += stride) keyframes.push_back(alive[i]);
-  for (int frame = lost; frame < static_cast<int>(frames_.size()); frame += kRecoverStep) {
-    if (IsTracked(frame)) continue;
-    for (const int keyframe : keyframes) {
-      FrameTrack track = tracker_.Relocalize(map_, frame, keyframe);
-      if (!track.tracked) continue;
-      track.missed.clear();
-      tracks_[frame] = std::move(track);
-      ++num_relocalizations_;
-      spdlog::info("frame {} recognised", frame);
-      return frame;
-    }
+  std::vector<int> keyframes = map_.AliveKeyframes();
+  std::stable_sort(keyframes.begin(), keyframes.end(), [&](int a, int b) {
+    return std::abs(map_.keyframe(a).frame - frame) < std::abs(map_.keyframe(b).frame - frame);
+  });
+  keyframes.resize(std::min<size_t>(keyframes.size(), kNearKeyframesToTry));
+  for (const int near : keyframes) is_erased[near] = 1;  // Not twice.
+  for (const auto& [similarity, keyframe] :
+       places_.Rank(vocabulary_.Describe(frames_[frame]), kSimilarKeyframesToTry, is_erased)) {
+    keyframes.push_back(keyframe);
   }
-  return static_cast<int>(frames_.size());
+  return keyframes;
+}
+
+bool MapBuilder::Recognize(int frame) {
+  for (const int keyframe : Lookalikes(frame)) {
+    FrameTrack track = tracker_.Relocalize(map_, frame, keyframe);
+    if (!track.tracked) continue;
+    track.missed.clear();
+    tracks_[frame] = std::move(track);
+    ++num_relocalizations_;
+    spdlog::info("frame {} recognised", frame);
+    return true;
+  }
+  return false;
 }
 
 void MapBuilder::Grow() {
-  const int end = static_cast<int>(frames_.size());
-  int frame = Follow(initial_.frame_b + 1, +1);
+  Follow(initial_.frame_b + 1, +1);
   last_keyframe_frame_ = initial_.frame_a;
   Follow(initial_.frame_a - 1, -1);
-  while (frame < end) {
-    const int found = Recover(frame);
-    if (found == end) break;
-    last_keyframe_frame_ = found;
-    Follow(found - 1, -1);
-    last_keyframe_frame_ = found;
-    frame = Follow(found + 1, +1);
+  for (int frame = 0; frame < static_cast<int>(frames_.size()); frame += kRecoverStep) {
+    // Those inside the initial pair are well held by it, and are localised when the map is done.
+    if (frame > initial_.frame_a && frame < initial_.frame_b) continue;
+    if (!IsFree(frame) || !Recognize(frame)) continue;
+    last_keyframe_frame_ = frame;
+    Follow(frame - 1, -1);
+    last_keyframe_frame_ = frame;
+    Follow(frame + 1, +1);
   }
+}
+
+void MapBuilder::Absorb(const MapBuilder& other, const Similarity3& this_from_other) {
+  const int first_keyframe = map_.num_keyframes();
+  const int first_point = map_.num_points();
+  map_.Append(other.map_, this_from_other);
+  for (size_t i = 0; i < tracks_.size(); ++i) {
+    if (!other.tracks_[i].tracked) continue;
+    FrameTrack track = other.tracks_[i];
+    track.cam_from_world = TransformCameraPose(this_from_other, track.cam_from_world);
+    track.cam_from_reference.translation *= this_from_other.scale;
+    track.reference_keyframe += first_keyframe;
+    for (PointMatch& match : track.matches) match.point += first_point;
+    tracks_[i] = std::move(track);
+  }
+  num_relocalizations_ += other.num_relocalizations_;
 }
 
 }  // namespace s3lam

@@ -74,19 +74,6 @@ class ProblemBuilder {
   std::vector<int> points_;
 };
 
-/// Points that these keyframes see, ascending.
-std::vector<int> PointsOf(const Map& map, const std::vector<int>& keyframes) {
-  std::vector<int> points;
-  for (const int keyframe : keyframes) {
-    for (const int point : map.keyframe(keyframe).point_of_keypoint) {
-      if (point != kNoIndex) points.push_back(point);
-    }
-  }
-  std::sort(points.begin(), points.end());
-  points.erase(std::unique(points.begin(), points.end()), points.end());
-  return points;
-}
-
 std::vector<int> Neighbours(const Map& map, int keyframe, int max_count, int min_shared) {
   std::vector<int> neighbours;
   for (const auto& [shared, other] : map.Covisible(keyframe)) {

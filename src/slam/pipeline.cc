@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
-#include <nlohmann/json.hpp>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/base/progress.h"
 #include "s3lam/slam/export.h"
-#include "s3lam/slam/map_builder.h"
 
 namespace s3lam::slam {
 namespace {
@@ -35,14 +33,21 @@ std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input
   return frames;
 }
 
-InitialPair Initialize(const Options& options, const std::vector<FrameFeatures>& frames,
-                       const Undistorter& undistorter) {
-  const auto pair = FindInitialPair(options.initializer, frames, undistorter, options.num_threads);
-  if (pair) {
-    spdlog::info("map starts from frames {} and {}: {} points, parallax {:.1f} deg", pair->frame_a,
-                 pair->frame_b, pair->points.size(), pair->parallax_deg);
-    return *pair;
-  }
+/// One map, or several where the sequence falls apart.
+Submaps BuildMaps(const Options& options, std::vector<FrameFeatures>& frames,
+                  const Undistorter& undistorter, const Vocabulary& vocabulary) {
+  Progress progress("tracking", static_cast<int64_t>(frames.size()));
+  const auto make_builder = [&](std::vector<uint8_t> frame_is_taken) {
+    const auto taken = std::count(frame_is_taken.begin(), frame_is_taken.end(), uint8_t{1});
+    return std::make_unique<MapBuilder>(
+        options.tracker, options.mapper, options.features, frames, undistorter, vocabulary,
+        std::move(frame_is_taken), [&progress, taken](int done, int keyframes) {
+          progress.Update(taken + done, fmt::format("{} keyframes", keyframes));
+        });
+  };
+  Submaps maps = BuildSubmaps(options.submaps, options.initializer, frames, undistorter,
+                              options.num_threads, make_builder);
+  if (!maps.empty()) return maps;
   throw InputError(
       "no pair of frames gives a map to start from: too few matches or no parallax (is the camera "
       "moving, are the calibration and the order of the images right?)");
@@ -83,41 +88,71 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
   adjust();
 }
 
-/// Checks the lens distortion against the map; where it is refined, everything is undistorted and
-/// adjusted again.
+/// Checks the lens distortion against the largest map; where it is refined, everything is
+/// undistorted and adjusted again.
 SelfCalibrationReport Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
-                                  Undistorter& undistorter, MapBuilder& builder) {
+                                  Undistorter& undistorter, const Submaps& maps) {
   SelfCalibrationReport report;
   report.camera = undistorter.camera();
   if (!options.self_calibration.enabled) return report;
   report = RefineDistortion(options.self_calibration, undistorter.camera(),
-                            MakeCalibrationProblem(builder.map()));
+                            MakeCalibrationProblem(maps.front()->map()));
   spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
                100.0 * report.cost_decrease, report.accepted ? "refined" : "camera kept as given");
   if (!report.accepted) return report;
   undistorter = Undistorter(report.camera);
   ParallelFor(frames.size(), options.num_threads,
               [&](size_t i) { frames[i].Undistort(undistorter); });
-  builder.mapper().AdjustGlobally(builder.map(), options.global_rounds, options.num_threads);
+  for (const auto& builder : maps) {
+    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
+  }
   return report;
 }
 
-/// Poses of all frames in the final map: keyframes as they are, others refined against it.
+/// Poses of the frames in a final map: keyframes as they are, others refined against it. Frames
+/// that belong to another map stay there.
 std::vector<FrameTrack> LocalizeFrames(const Options& options, const MapBuilder& builder,
-                                       const Map& map) {
+                                       const std::vector<uint8_t>& belongs_elsewhere) {
+  const Map& map = builder.map();
   const std::vector<FrameTrack>& tracks = builder.tracks();
   std::vector<int> keyframe_of_frame(tracks.size(), kNoIndex);
-  for (int k = 0; k < map.num_keyframes(); ++k) {
-    if (map.keyframe(k).alive) keyframe_of_frame[map.keyframe(k).frame] = k;
-  }
+  for (const int k : map.AliveKeyframes()) keyframe_of_frame[map.keyframe(k).frame] = k;
   const FrameLocalizer localizer(builder.tracker(), map, tracks, keyframe_of_frame);
   std::vector<FrameTrack> localized(tracks.size());
-  ParallelFor(tracks.size(), options.num_threads,
-              [&](size_t i) { localized[i] = localizer.Localize(static_cast<int>(i)); });
+  ParallelFor(tracks.size(), options.num_threads, [&](size_t i) {
+    if (belongs_elsewhere[i] == 0) localized[i] = localizer.Localize(static_cast<int>(i));
+  });
   for (FrameTrack& track : localized) {
     if (static_cast<int>(track.matches.size()) < options.min_localization_inliers) track = {};
   }
   return localized;
+}
+
+/// Localises every frame in its map, one that was lost in the first that knows it.
+std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, const Submaps& maps,
+                                                    size_t num_frames) {
+  std::vector<std::vector<FrameTrack>> localized;
+  for (size_t m = 0; m < maps.size(); ++m) {
+    std::vector<uint8_t> belongs_elsewhere(num_frames, 0);
+    for (size_t i = 0; i < num_frames; ++i) {
+      for (size_t other = 0; other < maps.size(); ++other) {
+        if (other != m && maps[other]->tracks()[i].tracked) belongs_elsewhere[i] = 1;
+        if (other < m && localized[other][i].tracked) belongs_elsewhere[i] = 1;
+      }
+    }
+    localized.push_back(LocalizeFrames(options, *maps[m], belongs_elsewhere));
+  }
+  return localized;
+}
+
+void AddFrames(const Undistorter& undistorter, const Map& map, int model,
+               const std::vector<FrameTrack>& localized, Report& report) {
+  for (int i = 0; i < static_cast<int>(localized.size()); ++i) {
+    if (!localized[i].tracked) continue;
+    report.frames[i] = DescribeFrame(undistorter, map, i, localized[i]);
+    report.frames[i].map = model;
+  }
+  for (const int k : map.AliveKeyframes()) report.frames[map.keyframe(k).frame].is_keyframe = true;
 }
 
 }  // namespace
@@ -127,6 +162,9 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("initializer", initializer, "the pair of frames that the map starts from");
   v.Group("tracker", tracker, "localising frames in the map");
   v.Group("mapper", mapper, "growing and pruning the map");
+  v.Group("vocabulary", vocabulary, "words for recognising places, learnt from the sequence");
+  v.Group("submaps", submaps, "maps begun anew where tracking was lost, and their merging");
+  v.Group("loops", loops, "places seen before");
   v.Group("second_pass", second_pass, "what knowing the whole map adds");
   v.Group("self_calibration", self_calibration, "refinement of the lens distortion");
   v.Value("min_localization_inliers", min_localization_inliers,
@@ -148,69 +186,60 @@ Result Run(const Options& options, const Input& input) {
     const ScopedStep step(seconds, "features");
     frames = ExtractAll(options, input, undistorter);
   }
-  InitialPair pair;
+  std::optional<Vocabulary> vocabulary;
   {
-    const ScopedStep step(seconds, "initialisation");
-    pair = Initialize(options, frames, undistorter);
+    const ScopedStep step(seconds, "learning words");
+    vocabulary.emplace(options.vocabulary, frames);
   }
-  Progress progress("tracking", static_cast<int64_t>(frames.size()));
-  MapBuilder builder(options.tracker, options.mapper, options.features, frames, undistorter,
-                     [&](int done, int keyframes) {
-                       progress.Update(done, fmt::format("{} keyframes", keyframes));
-                     });
+  Submaps maps;
   {
     const ScopedStep step(seconds, "tracking and mapping");
-    builder.Start(pair);
-    builder.Grow();
+    maps = BuildMaps(options, frames, undistorter, *vocabulary);
   }
   {
-    const ScopedStep step(seconds, "global bundle adjustment");
-    builder.mapper().AdjustGlobally(builder.map(), options.global_rounds, options.num_threads);
+    const ScopedStep step(seconds, "merging maps");
+    result.report.num_merged_maps =
+        MergeSubmaps(options.submaps, options.loops, *vocabulary, undistorter,
+                     options.global_rounds, options.num_threads, maps);
   }
-  ImproveMap(options, input, undistorter, builder, seconds);
+  std::vector<LoopClosingReport> loops;
+  for (const auto& builder : maps) {
+    {
+      const ScopedStep step(seconds, "global bundle adjustment");
+      builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
+    }
+    {
+      const ScopedStep step(seconds, "closing loops");
+      loops.push_back(CloseLoops(options.loops, *vocabulary, undistorter, builder->mapper(),
+                                 options.global_rounds, options.num_threads, builder->map(),
+                                 builder->tracks()));
+    }
+    ImproveMap(options, input, undistorter, *builder, seconds);
+  }
   SelfCalibrationReport calibration;
   {
     const ScopedStep step(seconds, "self-calibration");
-    calibration = Recalibrate(options, frames, undistorter, builder);
+    calibration = Recalibrate(options, frames, undistorter, maps);
   }
-  std::vector<FrameTrack> localized;
+  std::vector<std::vector<FrameTrack>> localized;
   {
     const ScopedStep step(seconds, "localising all frames");
-    localized = LocalizeFrames(options, builder, builder.map());
+    localized = LocalizeInMaps(options, maps, frames.size());
   }
-  {
-    const ScopedStep step(seconds, "export");
-    Export(input, calibration.camera, builder.map(), localized, result);
+  const ScopedStep step(seconds, "export");
+  result.report.num_frames = static_cast<int>(frames.size());
+  result.report.frames.resize(frames.size());
+  for (size_t m = 0; m < maps.size(); ++m) {
+    const Map& map = maps[m]->map();
+    result.models.push_back(Export(input, calibration.camera, map, localized[m]));
+    result.report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
+    result.report.maps[m].loops = std::move(loops[m]);
+    AddFrames(undistorter, map, static_cast<int>(m), localized[m], result.report);
   }
+  result.report.stretches = FindStretches(result.report.frames);
   result.report.camera_was_refined = calibration.accepted;
   result.report.distortion_cost_share = calibration.cost_decrease;
-  result.report.initial_frames = {pair.frame_a, pair.frame_b};
-  result.report.initial_parallax_deg = pair.parallax_deg;
-  result.report.num_relocalizations = builder.num_relocalizations();
   return result;
-}
-
-nlohmann::json ToJson(const Report& report) {
-  nlohmann::json frames = nlohmann::json::array();
-  for (const FrameReport& frame : report.frames) {
-    frames.push_back({{"localized", frame.localized},
-                      {"keyframe", frame.is_keyframe},
-                      {"inliers", frame.num_inliers}});
-  }
-  return {{"frames", report.num_frames},
-          {"frames_localized", report.num_localized},
-          {"keyframes", report.num_keyframes},
-          {"points", report.num_points},
-          {"observations", report.num_observations},
-          {"relocalizations", report.num_relocalizations},
-          {"rms_px", report.rms_px},
-          {"mean_track_length", report.mean_track_length},
-          {"initial_frames", report.initial_frames},
-          {"initial_parallax_deg", report.initial_parallax_deg},
-          {"camera_was_refined", report.camera_was_refined},
-          {"distortion_cost_share", report.distortion_cost_share},
-          {"seconds", report.seconds},
-          {"per_frame", frames}};
 }
 
 }  // namespace s3lam::slam

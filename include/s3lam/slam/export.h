@@ -30,9 +30,15 @@ class FrameLocalizer {
 /// What the keyframes saw of the points, in original pixels.
 CalibrationProblem MakeCalibrationProblem(const Map& map);
 
-/// Fills reconstruction, descriptors, trajectories and report from the finished map. Point and
-/// image ids are counted from 1; colours are sampled in the keyframes.
-void Export(const Input& input, const Camera& camera, const Map& map,
-            const std::vector<FrameTrack>& localized, Result& result);
+/// The finished map as a model. Point and image ids are counted from 1; colours are sampled in the
+/// keyframes.
+Model Export(const Input& input, const Camera& camera, const Map& map,
+             const std::vector<FrameTrack>& localized);
+
+/// Figures of a model, and of the frames localised in it.
+MapReport DescribeMap(const Model& model, const MapBuilder& builder,
+                      const std::vector<FrameTrack>& localized);
+FrameReport DescribeFrame(const Undistorter& undistorter, const Map& map, int frame,
+                          const FrameTrack& track);
 
 }  // namespace s3lam::slam

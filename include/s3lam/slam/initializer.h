@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "s3lam/slam/features.h"
@@ -46,7 +47,7 @@ struct InitialPair {
 /// first few starting frames that give a good one, else returns the best acceptable pair. Empty if
 /// there is none (no parallax, too few matches). The number of threads changes nothing.
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
-                                           const std::vector<FrameFeatures>& frames,
+                                           std::span<const FrameFeatures> frames,
                                            const Undistorter& undistorter, int num_threads);
 
 }  // namespace s3lam

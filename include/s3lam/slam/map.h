@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "s3lam/geometry/rigid3.h"
+#include "s3lam/geometry/similarity3.h"
 #include "s3lam/slam/features.h"
 
 namespace s3lam {
@@ -52,6 +53,11 @@ class Map {
  public:
   /// `frames` outlives the map, which may move their keypoints.
   Map(std::vector<FrameFeatures>& frames, const FeatureOptions& options);
+  Map(const Map&) = default;
+  Map(Map&&) = default;
+  /// From a map of the same frames, e.g. an earlier state of this one.
+  Map& operator=(const Map& other);
+  ~Map() = default;
 
   [[nodiscard]] int num_keyframes() const { return static_cast<int>(keyframes_.size()); }
   [[nodiscard]] int num_points() const { return static_cast<int>(points_.size()); }
@@ -69,6 +75,10 @@ class Map {
 
   void SetPose(int keyframe, const Rigid3& cam_from_world) {
     keyframes_[keyframe].cam_from_world = cam_from_world;
+  }
+  /// For a keyframe whose surroundings became larger by `factor`: what hangs on it does as well.
+  void ScaleAnchored(int keyframe, double factor) {
+    keyframes_[keyframe].cam_from_anchor.translation *= factor;
   }
   void SetPosition(int point, const Eigen::Vector3d& position) {
     points_[point].position = position;
@@ -106,12 +116,19 @@ class Map {
   void EraseKeyframe(int keyframe);
   /// Moves the observations of `dropped` to `kept` where they do not collide.
   void MergePoints(int kept, int dropped);
+  /// Takes the keyframes and points of another map of the same frames over, moved into this world.
+  /// Their indices here are those there plus the numbers that this map had before.
+  void Append(const Map& other, const Similarity3& this_from_other);
   /// Descriptor, viewing direction and distance from the observations.
   void UpdateAppearance(int point);
   void UpdateGeometry(int point);
 
   /// Everything a keyframe sees, by ascending keypoint.
   [[nodiscard]] std::vector<PointMatch> MatchesOf(int keyframe) const;
+  [[nodiscard]] std::vector<int> AliveKeyframes() const;
+  [[nodiscard]] size_t NumObservations() const;
+  /// The alive keyframe that a removed one moves with; itself while it is alive.
+  [[nodiscard]] int AnchorOf(int keyframe) const;
   /// Pose of a keyframe, removed or not, in the map as it is now.
   [[nodiscard]] Rigid3 PoseOf(int keyframe) const;
   /// The alive point that took the place of this one; kNoIndex if it was erased.
@@ -129,5 +146,8 @@ class Map {
   std::vector<Keyframe> keyframes_;
   std::vector<MapPoint> points_;
 };
+
+/// Points that these keyframes see, ascending.
+std::vector<int> PointsOf(const Map& map, const std::vector<int>& keyframes);
 
 }  // namespace s3lam

@@ -45,12 +45,14 @@ class Mapper {
   /// observations and merges points that are the same.
   void FuseWithNeighbours(Map& map, int keyframe, int num_neighbours) const;
 
+  /// Looks for these points in a keyframe; adds observations and merges what is the same.
+  void FuseInto(Map& map, const std::vector<int>& points, int keyframe) const;
+
  private:
   void CullRecentPoints(Map& map, int keyframe);
   void AdjustLocally(Map& map, int keyframe) const;
   void CullKeyframes(Map& map, int keyframe) const;
   int TriangulatePair(Map& map, int keyframe, int neighbour, std::vector<int>& created) const;
-  void FuseInto(Map& map, const std::vector<int>& points, int keyframe) const;
 
   const MapperOptions& options_;
   const Undistorter& undistorter_;

@@ -1,13 +1,11 @@
 #pragma once
 
 #include <functional>
-#include <nlohmann/json_fwd.hpp>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "s3lam/base/timer.h"
 #include "s3lam/optim/self_calibration.h"
 #include "s3lam/scene/descriptor.h"
 #include "s3lam/scene/frame_observations.h"
@@ -15,7 +13,9 @@
 #include "s3lam/scene/trajectory.h"
 #include "s3lam/slam/initializer.h"
 #include "s3lam/slam/mapper.h"
+#include "s3lam/slam/report.h"
 #include "s3lam/slam/second_pass.h"
+#include "s3lam/slam/submaps.h"
 #include "s3lam/slam/tracker.h"
 
 namespace s3lam::slam {
@@ -25,6 +25,9 @@ struct Options {
   InitializerOptions initializer;
   TrackerOptions tracker;
   MapperOptions mapper;
+  VocabularyOptions vocabulary;
+  SubmapOptions submaps;
+  LoopClosingOptions loops;
   SecondPassOptions second_pass;
   SelfCalibrationOptions self_calibration;
   int min_localization_inliers = 15;
@@ -46,43 +49,24 @@ struct Input {
   bool concurrent_reads = true;
 };
 
-/// How well one frame is known.
-struct FrameReport {
-  bool localized = false;
-  bool is_keyframe = false;
-  int num_inliers = 0;  // Points seen.
-};
-
-struct Report {
-  int num_frames = 0;
-  int num_localized = 0;
-  int num_keyframes = 0;
-  int num_points = 0;
-  int num_observations = 0;
-  int num_relocalizations = 0;
-  double rms_px = 0.0;
-  double mean_track_length = 0.0;
-  bool camera_was_refined = false;
-  double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
-  std::array<int, 2> initial_frames{-1, -1};
-  double initial_parallax_deg = 0.0;
-  std::vector<FrameReport> frames;
-  StepTimes seconds;
-};
-nlohmann::json ToJson(const Report& report);
-
-struct Result {
+/// One map as it goes to disk.
+struct Model {
   Reconstruction reconstruction;  // Keyframes only; image ids ascend in time.
   PointDescriptors descriptors;
   Trajectory keyframes;  // world_from_camera, ascending time: one per image of the reconstruction.
   Trajectory frames;     // All localised frames.
   FrameObservations observations;  // What localised frames that are no keyframes see.
+};
+
+struct Result {
+  std::vector<Model> models;  // The largest first; more than one where the sequence fell apart.
   Report report;
 };
 
 /// Monocular keyframe SLAM over a whole sequence:
-///   extract features -> find the initial pair -> track and map, both ways -> adjust everything ->
-///   localise every frame in the final map -> export.
+///   extract features -> learn a vocabulary from them -> from an initial pair, track and map, both
+///   ways; start over where that gets lost for good -> merge maps that meet -> close loops ->
+///   adjust and match again -> localise every frame in the final maps -> export.
 /// Throws InputError if no map can be started or images do not fit the camera.
 Result Run(const Options& options, const Input& input);
 

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <vector>
+
+#include "s3lam/slam/mapper.h"
+#include "s3lam/slam/place_recognition.h"
+#include "s3lam/slam/place_verification.h"
+
+namespace s3lam {
+
+struct LoopClosingOptions {
+  bool enabled = true;
+  int candidates = 5;
+  int min_frame_gap = 30;
+  int max_rounds = 3;
+  double max_lost_share = 0.03;
+  PlaceVerificationOptions verification;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// A place that was seen twice, by frame.
+struct LoopReport {
+  int frame_a = -1;
+  int frame_b = -1;
+  int num_points = 0;
+  double correction_deg = 0.0;    // What the drift between the two had come to: rotation,
+  double correction_share = 0.0;  // translation, in median depths of frame a,
+  double correction_scale = 1.0;  // and scale.
+};
+
+struct LoopClosingReport {
+  std::vector<LoopReport> closed;
+  int num_rejected = 0;  // Closed on trial, and undone because the map did not bear it.
+};
+
+/// Looks, for every keyframe, for others that show the same place without being connected to it,
+/// and closes all loops found at once: drift is spread by a pose graph over similarities, the
+/// points of both sides are fused, everything is adjusted. If the adjusted map loses more of its
+/// observations than max_lost_share, the loops contradict it, and it is left as it was. Repeated
+/// while it finds loops. `tracks` move with their keyframes.
+LoopClosingReport CloseLoops(const LoopClosingOptions& options, const Vocabulary& vocabulary,
+                             const Undistorter& undistorter, const Mapper& mapper,
+                             int global_rounds, int num_threads, Map& map,
+                             std::vector<FrameTrack>& tracks);
+
+/// Makes one of the points that a verified match says are the same, and fuses the neighbourhoods of
+/// its keyframes, which must lie together already.
+void FuseMatch(const Mapper& mapper, int neighbours, const PlaceMatch& match, Map& map);
+
+}  // namespace s3lam

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <array>
+#include <nlohmann/json_fwd.hpp>
+#include <vector>
+
+#include "s3lam/base/timer.h"
+#include "s3lam/slam/loop_closer.h"
+
+namespace s3lam::slam {
+
+/// How well one frame is known.
+struct FrameReport {
+  int map = -1;  // Of Result::models; negative if it is not localised.
+  bool is_keyframe = false;
+  int num_inliers = 0;     // Points seen.
+  double spread = 0.0;     // Share of the image, by cells of a grid, that they cover.
+  double rms_sigma = 0.0;  // Their reprojection error in standard deviations.
+  double trust = 0.0;      // In [0, 1], see FrameTrust.
+
+  [[nodiscard]] bool localized() const { return map >= 0; }
+};
+
+/// Frames in a row that are known alike.
+struct StretchReport {
+  enum class State { kLost, kWeak, kGood };
+  int first_frame = 0;
+  int last_frame = 0;
+  int map = -1;
+  State state = State::kLost;
+  double mean_trust = 0.0;
+  double min_trust = 0.0;
+};
+
+/// One map: a model of its own, in a world and scale of its own.
+struct MapReport {
+  int num_frames = 0;
+  int num_keyframes = 0;
+  int num_points = 0;
+  int num_observations = 0;
+  int num_relocalizations = 0;
+  double rms_px = 0.0;
+  double mean_track_length = 0.0;
+  int first_frame = -1;
+  int last_frame = -1;
+  std::array<int, 2> initial_frames{-1, -1};
+  double initial_parallax_deg = 0.0;
+  LoopClosingReport loops;
+};
+
+struct Report {
+  int num_frames = 0;           // Of the sequence.
+  std::vector<MapReport> maps;  // As Result::models: the largest first.
+  int num_merged_maps = 0;      // Maps that were begun apart and became part of another.
+  bool camera_was_refined = false;
+  double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
+  std::vector<FrameReport> frames;
+  std::vector<StretchReport> stretches;  // All frames, in order.
+  StepTimes seconds;
+};
+nlohmann::json ToJson(const Report& report);
+
+/// Product of three factors that are one where nothing is in doubt: points seen / 60, share of the
+/// image they cover / 0.5, 1 / reprojection RMS in sigma, each at most one.
+double FrameTrust(int num_inliers, double spread, double rms_sigma);
+
+/// Cuts the sequence where the map changes, and where the trust crosses one half for more than a
+/// few frames.
+std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames);
+
+}  // namespace s3lam::slam

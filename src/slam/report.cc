@@ -1,0 +1,163 @@
+#include "s3lam/slam/report.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace s3lam::slam {
+namespace {
+
+constexpr int kEnoughInliers = 60;
+constexpr double kEnoughSpread = 0.5;
+constexpr double kGoodTrust = 0.5;
+constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
+
+const char* Name(StretchReport::State state) {
+  switch (state) {
+    case StretchReport::State::kLost:
+      return "lost";
+    case StretchReport::State::kWeak:
+      return "weak";
+    case StretchReport::State::kGood:
+      return "good";
+  }
+  return "";
+}
+
+StretchReport::State StateOf(const FrameReport& frame) {
+  if (!frame.localized()) return StretchReport::State::kLost;
+  return frame.trust >= kGoodTrust ? StretchReport::State::kGood : StretchReport::State::kWeak;
+}
+
+int Length(const StretchReport& stretch) { return stretch.last_frame - stretch.first_frame + 1; }
+
+void Append(const StretchReport& stretch, std::vector<StretchReport>& stretches) {
+  if (!stretches.empty()) {
+    StretchReport& last = stretches.back();
+    if (last.map == stretch.map && (last.state == stretch.state || last.map < 0)) {
+      last.last_frame = stretch.last_frame;
+      return;
+    }
+  }
+  stretches.push_back(stretch);
+}
+
+/// Short stretches that differ in trust alone from the longer one before or after join it.
+std::vector<StretchReport> JoinShort(const std::vector<StretchReport>& stretches) {
+  std::vector<StretchReport> joined;
+  for (size_t i = 0; i < stretches.size(); ++i) {
+    StretchReport stretch = stretches[i];
+    const bool is_short = stretch.map >= 0 && Length(stretch) < kMinStretchFrames;
+    if (is_short && !joined.empty() && joined.back().map == stretch.map) {
+      stretch.state = joined.back().state;
+    } else if (is_short && i + 1 < stretches.size() && stretches[i + 1].map == stretch.map) {
+      stretch.state = stretches[i + 1].state;
+    }
+    Append(stretch, joined);
+  }
+  return joined;
+}
+
+nlohmann::json ToJson(const LoopReport& loop) {
+  return {{"frames", {loop.frame_a, loop.frame_b}},
+          {"points", loop.num_points},
+          {"correction_deg", loop.correction_deg},
+          {"correction_share", loop.correction_share},
+          {"correction_scale", loop.correction_scale}};
+}
+
+nlohmann::json ToJson(const MapReport& map, size_t index) {
+  nlohmann::json loops = nlohmann::json::array();
+  for (const LoopReport& loop : map.loops.closed) loops.push_back(ToJson(loop));
+  return {{"folder", index == 0 ? "." : std::to_string(index)},
+          {"frames_localized", map.num_frames},
+          {"first_frame", map.first_frame},
+          {"last_frame", map.last_frame},
+          {"keyframes", map.num_keyframes},
+          {"points", map.num_points},
+          {"observations", map.num_observations},
+          {"relocalizations", map.num_relocalizations},
+          {"rms_px", map.rms_px},
+          {"mean_track_length", map.mean_track_length},
+          {"initial_frames", map.initial_frames},
+          {"initial_parallax_deg", map.initial_parallax_deg},
+          {"loops_closed", loops},
+          {"loops_rejected", map.loops.num_rejected}};
+}
+
+nlohmann::json ToJson(const StretchReport& stretch) {
+  return {{"frames", {stretch.first_frame, stretch.last_frame}},
+          {"map", stretch.map},
+          {"state", Name(stretch.state)},
+          {"mean_trust", stretch.mean_trust},
+          {"min_trust", stretch.min_trust}};
+}
+
+nlohmann::json ToJson(const FrameReport& frame) {
+  return {{"localized", frame.localized()},
+          {"map", frame.map},
+          {"keyframe", frame.is_keyframe},
+          {"inliers", frame.num_inliers},
+          {"spread", frame.spread},
+          {"rms_sigma", frame.rms_sigma},
+          {"trust", frame.trust}};
+}
+
+template <typename T>
+nlohmann::json ToJsonArray(const std::vector<T>& items) {
+  nlohmann::json array = nlohmann::json::array();
+  for (const T& item : items) array.push_back(ToJson(item));
+  return array;
+}
+
+}  // namespace
+
+double FrameTrust(int num_inliers, double spread, double rms_sigma) {
+  return std::min(1.0, static_cast<double>(num_inliers) / kEnoughInliers) *
+         std::min(1.0, spread / kEnoughSpread) / std::max(1.0, rms_sigma);
+}
+
+std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames) {
+  std::vector<StretchReport> stretches;
+  for (int i = 0; i < static_cast<int>(frames.size()); ++i) {
+    StretchReport frame;
+    frame.first_frame = frame.last_frame = i;
+    frame.map = frames[i].map;
+    frame.state = StateOf(frames[i]);
+    Append(frame, stretches);
+  }
+  stretches = JoinShort(stretches);
+  for (StretchReport& stretch : stretches) {
+    stretch.min_trust = 1.0;
+    for (int i = stretch.first_frame; i <= stretch.last_frame; ++i) {
+      stretch.mean_trust += frames[i].trust / Length(stretch);
+      stretch.min_trust = std::min(stretch.min_trust, frames[i].trust);
+    }
+  }
+  return stretches;
+}
+
+nlohmann::json ToJson(const Report& report) {
+  const MapReport main = report.maps.empty() ? MapReport{} : report.maps.front();
+  nlohmann::json maps = nlohmann::json::array();
+  for (size_t i = 0; i < report.maps.size(); ++i) maps.push_back(ToJson(report.maps[i], i));
+  return {{"frames", report.num_frames},
+          {"frames_localized", main.num_frames},
+          {"keyframes", main.num_keyframes},
+          {"points", main.num_points},
+          {"observations", main.num_observations},
+          {"relocalizations", main.num_relocalizations},
+          {"rms_px", main.rms_px},
+          {"mean_track_length", main.mean_track_length},
+          {"initial_frames", main.initial_frames},
+          {"initial_parallax_deg", main.initial_parallax_deg},
+          {"loops_closed", main.loops.closed.size()},
+          {"maps", maps},
+          {"maps_merged", report.num_merged_maps},
+          {"camera_was_refined", report.camera_was_refined},
+          {"distortion_cost_share", report.distortion_cost_share},
+          {"seconds", report.seconds},
+          {"stretches", ToJsonArray(report.stretches)},
+          {"per_frame", ToJsonArray(report.frames)}};
+}
+
+}  // namespace s3lam::slam

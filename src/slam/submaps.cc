@@ -1,0 +1,167 @@
+#include "s3lam/slam/submaps.h"
+
+#include <algorithm>
+
+#include "s3lam/base/log.h"
+#include "s3lam/base/parallel.h"
+
+namespace s3lam {
+namespace {
+
+/// Frames [begin, end).
+struct Stretch {
+  int begin = 0;
+  int end = 0;
+  [[nodiscard]] int size() const { return end - begin; }
+};
+
+/// The longest run of frames that are not set.
+Stretch LongestFree(const std::vector<uint8_t>& is_set) {
+  Stretch best;
+  int begin = 0;
+  for (int i = 0; i <= static_cast<int>(is_set.size()); ++i) {
+    if (i < static_cast<int>(is_set.size()) && is_set[i] == 0) continue;
+    if (i - begin > best.size()) best = {begin, i};
+    begin = i + 1;
+  }
+  return best;
+}
+
+std::vector<uint8_t> TakenFrames(const Submaps& maps, size_t num_frames) {
+  std::vector<uint8_t> taken(num_frames, 0);
+  for (const auto& map : maps) {
+    for (size_t i = 0; i < num_frames; ++i) {
+      if (map->tracks()[i].tracked) taken[i] = 1;
+    }
+  }
+  return taken;
+}
+
+void SortBySize(Submaps& maps) {
+  std::stable_sort(maps.begin(), maps.end(),
+                   [](const auto& a, const auto& b) { return a->NumTracked() > b->NumTracked(); });
+}
+
+/// Pairs of keyframes of two maps that show the same place.
+std::vector<PlaceMatch> FindMeetings(const SubmapOptions& options, const LoopClosingOptions& loops,
+                                     const Vocabulary& vocabulary, const Undistorter& undistorter,
+                                     int num_threads, const Map& a, const Map& b) {
+  PlaceIndex index(vocabulary);
+  for (const int k : a.AliveKeyframes()) index.Add(k, vocabulary.Describe(a.features(k)));
+  const std::vector<int> keyframes = b.AliveKeyframes();
+  std::vector<std::vector<PlaceMatch>> matches(keyframes.size());
+  ParallelFor(keyframes.size(), num_threads, [&](size_t i) {
+    const BagOfWords words = vocabulary.Describe(b.features(keyframes[i]));
+    for (const auto& [similarity, candidate] :
+         index.Rank(words, static_cast<size_t>(options.candidates))) {
+      const auto match =
+          VerifyPlace(loops.verification, undistorter, {&a, candidate}, {&b, keyframes[i]});
+      if (match) matches[i].push_back(*match);
+    }
+  });
+  std::vector<PlaceMatch> all;
+  for (const auto& of_keyframe : matches) {
+    all.insert(all.end(), of_keyframe.begin(), of_keyframe.end());
+  }
+  return all;
+}
+
+/// Tries to put `part` into `whole`.
+bool Merge(const SubmapOptions& options, const LoopClosingOptions& loops,
+           const Vocabulary& vocabulary, const Undistorter& undistorter, int global_rounds,
+           int num_threads, const MapBuilder& part, MapBuilder& whole) {
+  const std::vector<PlaceMatch> meetings =
+      FindMeetings(options, loops, vocabulary, undistorter, num_threads, whole.map(), part.map());
+  if (static_cast<int>(meetings.size()) < options.min_matches) return false;
+  PlaceMatch best = *std::max_element(
+      meetings.begin(), meetings.end(),
+      [](const PlaceMatch& x, const PlaceMatch& y) { return x.points.size() < y.points.size(); });
+  const Map map_before = whole.map();
+  const std::vector<FrameTrack> tracks_before = whole.tracks();
+  best.keyframe_b += whole.map().num_keyframes();
+  for (auto& [point_a, point_b] : best.points) point_b += whole.map().num_points();
+  whole.Absorb(part, best.world_a_from_world_b);
+  FuseMatch(whole.mapper(), loops.verification.neighbours, best, whole.map());
+  const auto fused = static_cast<double>(whole.map().NumObservations());
+  whole.mapper().AdjustGlobally(whole.map(), global_rounds, num_threads);
+  const double lost = 1.0 - static_cast<double>(whole.map().NumObservations()) / fused;
+  spdlog::info("two maps meet at {} pairs of keyframes; merging costs {:.2f} % of the observations",
+               meetings.size(), 100.0 * lost);
+  if (lost <= loops.max_lost_share) return true;
+  spdlog::warn("maps kept apart: together they contradict each other");
+  whole.map() = map_before;
+  whole.tracks() = tracks_before;
+  return false;
+}
+
+}  // namespace
+
+void SubmapOptions::Visit(OptionVisitor& v) {
+  v.Value("min_frames", min_frames, "localised frames that a map of its own must have", 2, 1000000);
+  v.Value("min_keyframes", min_keyframes, "keyframes that it must have", 2, 1000000);
+  v.Value("candidates", candidates,
+          "keyframes of one map that each keyframe of another is compared with", 1, 1000);
+  v.Value("min_matches", min_matches, "pairs of keyframes at which two maps must meet", 1, 1000);
+}
+
+Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& initializer,
+                     const std::vector<FrameFeatures>& frames, const Undistorter& undistorter,
+                     int num_threads, const MapBuilderFactory& make_builder) {
+  Submaps maps;
+  std::vector<uint8_t> done(frames.size(), 0);  // Localised, or tried in vain.
+  for (Stretch free = LongestFree(done); free.size() >= options.min_frames || maps.empty();
+       free = LongestFree(done)) {
+    auto pair = FindInitialPair(initializer,
+                                std::span(frames).subspan(static_cast<size_t>(free.begin),
+                                                          static_cast<size_t>(free.size())),
+                                undistorter, num_threads);
+    if (!pair) {
+      if (free.size() == 0) break;
+      std::fill(done.begin() + free.begin, done.begin() + free.end, 1);
+      continue;
+    }
+    pair->frame_a += free.begin;
+    pair->frame_b += free.begin;
+    spdlog::info("map {} starts from frames {} and {}: {} points, parallax {:.1f} deg", maps.size(),
+                 pair->frame_a, pair->frame_b, pair->points.size(), pair->parallax_deg);
+    auto builder = make_builder(TakenFrames(maps, frames.size()));
+    builder->Start(*pair);
+    builder->Grow();
+    std::fill(done.begin() + pair->frame_a, done.begin() + pair->frame_b + 1, 1);
+    for (size_t i = 0; i < frames.size(); ++i) {
+      if (builder->tracks()[i].tracked) done[i] = 1;
+    }
+    maps.push_back(std::move(builder));
+  }
+  SortBySize(maps);
+  return maps;
+}
+
+int MergeSubmaps(const SubmapOptions& options, const LoopClosingOptions& loops,
+                 const Vocabulary& vocabulary, const Undistorter& undistorter, int global_rounds,
+                 int num_threads, Submaps& maps) {
+  int num_merged = 0;
+  for (size_t i = 0; i < maps.size(); ++i) {
+    for (size_t j = i + 1; j < maps.size();) {
+      if (Merge(options, loops, vocabulary, undistorter, global_rounds, num_threads, *maps[j],
+                *maps[i])) {
+        maps.erase(maps.begin() + static_cast<std::ptrdiff_t>(j));
+        ++num_merged;
+        j = i + 1;  // What did not fit before may fit the larger map.
+      } else {
+        ++j;
+      }
+    }
+  }
+  SortBySize(maps);
+  const auto is_small = [&](const std::unique_ptr<MapBuilder>& map) {
+    return map->NumTracked() < options.min_frames ||
+           static_cast<int>(map->map().AliveKeyframes().size()) < options.min_keyframes;
+  };
+  if (!maps.empty()) {
+    maps.erase(std::remove_if(maps.begin() + 1, maps.end(), is_small), maps.end());
+  }
+  return num_merged;
+}
+
+}  // namespace s3lam

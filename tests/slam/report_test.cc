@@ -1,0 +1,50 @@
+#include "s3lam/slam/report.h"
+
+#include <gtest/gtest.h>
+
+namespace s3lam::slam {
+namespace {
+
+std::vector<FrameReport> MakeFrames(std::initializer_list<std::tuple<int, int, double>> runs) {
+  std::vector<FrameReport> frames;
+  for (const auto& [count, map, trust] : runs) {
+    for (int i = 0; i < count; ++i) {
+      FrameReport frame;
+      frame.map = map;
+      frame.trust = trust;
+      frames.push_back(frame);
+    }
+  }
+  return frames;
+}
+
+TEST(FrameTrust, FallsWithFewPointsInOneCornerThatFitBadly) {
+  EXPECT_EQ(FrameTrust(300, 1.0, 0.7), 1.0);
+  EXPECT_NEAR(FrameTrust(30, 1.0, 0.7), 0.5, 1e-12);
+  EXPECT_NEAR(FrameTrust(300, 0.25, 0.7), 0.5, 1e-12);
+  EXPECT_NEAR(FrameTrust(300, 1.0, 2.0), 0.5, 1e-12);
+  EXPECT_EQ(FrameTrust(0, 0.0, 0.0), 0.0);
+}
+
+TEST(Stretches, AreCutWhereMapOrTrustChange) {
+  const auto stretches = FindStretches(MakeFrames(
+      {{20, 0, 0.9}, {3, 0, 0.1}, {20, 0, 0.8}, {10, 0, 0.2}, {7, -1, 0.0}, {9, 1, 1.0}}));
+  ASSERT_EQ(stretches.size(), 4U);
+  EXPECT_EQ(stretches[0].last_frame, 42);  // Three weak frames do not make a stretch,
+  EXPECT_EQ(stretches[0].state, StretchReport::State::kGood);
+  EXPECT_EQ(stretches[0].min_trust, 0.1);  // but are not hidden.
+  EXPECT_EQ(stretches[1].state, StretchReport::State::kWeak);
+  EXPECT_EQ(stretches[2].state, StretchReport::State::kLost);
+  EXPECT_EQ(stretches[2].first_frame, 53);
+  EXPECT_EQ(stretches[3].map, 1);
+  EXPECT_NEAR(stretches[3].mean_trust, 1.0, 1e-12);
+  EXPECT_EQ(stretches[3].last_frame, 68);
+}
+
+TEST(Stretches, OneLostFrameIsAStretch) {
+  EXPECT_EQ(FindStretches(MakeFrames({{9, 0, 0.9}, {1, -1, 0.0}, {9, 0, 0.9}})).size(), 3U);
+  EXPECT_TRUE(FindStretches({}).empty());
+}
+
+}  // namespace
+}  // namespace s3lam::slam
