@@ -1,6 +1,7 @@
 #include "s3lam/slam/pipeline.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <mutex>
 
@@ -12,6 +13,8 @@
 
 namespace s3lam::slam {
 namespace {
+
+constexpr std::array<std::string_view, 2> kAccuracyNames{"fast", "high"};
 
 std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input,
                                       const Undistorter& undistorter) {
@@ -58,6 +61,13 @@ Submaps BuildMaps(const Options& options, std::vector<FrameFeatures>& frames,
 void ImproveMap(const Options& options, const Input& input, const Undistorter& undistorter,
                 MapBuilder& builder, StepTimes& seconds) {
   Map& map = builder.map();
+  const FrameImages images{input.read_gray, input.read_mask};
+  const int read_threads = input.concurrent_reads ? options.num_threads : 1;
+  {
+    const ScopedStep step(seconds, "features of keyframes");
+    AddKeyframeFeatures(options.second_pass, options.features, undistorter, images, read_threads,
+                        map);
+  }
   for (int round = 0; round < options.second_pass.rounds; ++round) {
     {
       const ScopedStep step(seconds, "matching again");
@@ -74,8 +84,7 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
   std::optional<PatchPass> pass;
   {
     const ScopedStep step(seconds, "aligning patches");
-    pass.emplace(options.second_pass, options.features, undistorter, input.read_gray,
-                 input.concurrent_reads ? options.num_threads : 1, map);
+    pass.emplace(options.second_pass, options.features, undistorter, images, read_threads, map);
     const PatchRefinement refinement = pass->RefineObservations(map);
     spdlog::info("{} of {} observations aligned", refinement.num_refined, refinement.num_tried);
   }
@@ -158,6 +167,9 @@ void AddFrames(const Undistorter& undistorter, const Map& map, int model,
 }  // namespace
 
 void Options::Visit(OptionVisitor& v) {
+  v.Choice("accuracy", accuracy, kAccuracyNames,
+           "fast leaves out the keyframes' additional keypoints, the alignment of patches and the "
+           "refinement of the lens distortion");
   v.Group("features", features, "keypoints");
   v.Group("initializer", initializer, "the pair of frames that the map starts from");
   v.Group("tracker", tracker, "localising frames in the map");
@@ -173,7 +185,18 @@ void Options::Visit(OptionVisitor& v) {
           "bundle adjustments of the whole map, outliers removed in between, at the most", 1, 100);
 }
 
-Result Run(const Options& options, const Input& input) {
+Options Effective(const Options& options) {
+  Options result = options;
+  if (options.accuracy == Accuracy::kFast) {
+    result.second_pass.keyframe_features = 0;
+    result.second_pass.patches.enabled = false;
+    result.self_calibration.enabled = false;
+  }
+  return result;
+}
+
+Result Run(const Options& given, const Input& input) {
+  const Options options = Effective(given);
   S3LAM_CHECK(input.times_s.size() == input.names.size());
   if (input.names.size() < 4)
     ThrowInputError("a sequence of {} images is too short", input.names.size());

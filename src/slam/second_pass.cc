@@ -16,14 +16,54 @@ size_t ReferenceOf(const Map& map, const MapPoint& point) {
   return 0;
 }
 
+/// Is the keypoint among those that the grid knows (the ones just added are not looked at)?
+bool IsPresent(const FrameFeatures& features, const Keypoint& keypoint) {
+  bool present = false;
+  features.VisitNear(keypoint.undistorted.cast<double>(), keypoint.sigma, keypoint.level,
+                     keypoint.level, [&](int) { present = true; });
+  return present;
+}
+
 }  // namespace
 
 void SecondPassOptions::Visit(OptionVisitor& v) {
+  v.Value("keyframe_features", keyframe_features,
+          "keypoints per keyframe where more than features.num_features: a denser, slower map", 0,
+          20000);
   v.Value("rounds", rounds, "of matching all keyframes again", 0, 20);
   v.Value("neighbours", neighbours, "keyframes that each is matched with", 1, 10000);
   v.Value("extend_tracks", extend_tracks,
           "look for points, by their patches, where no keypoint was detected");
   v.Group("patches", patches, "alignment of observations to a fraction of a pixel");
+}
+
+int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature_options,
+                        const Undistorter& undistorter, const FrameImages& images, int num_threads,
+                        Map& map) {
+  if (options.keyframe_features <= feature_options.num_features) return 0;
+  feature_options.num_features = options.keyframe_features;
+  std::vector<FrameFeatures> denser(static_cast<size_t>(map.num_keyframes()));
+  ParallelFor(denser.size(), num_threads, [&](size_t k) {
+    const Keyframe& keyframe = map.keyframe(static_cast<int>(k));
+    if (!keyframe.alive) return;
+    const auto frame = static_cast<size_t>(keyframe.frame);
+    denser[k] = ExtractFeatures(feature_options, undistorter, images.read_gray(frame),
+                                images.read_mask ? images.read_mask(frame) : cv::Mat());
+  });
+  int count = 0;
+  for (int k = 0; k < map.num_keyframes(); ++k) {
+    const int num_present = map.keyframe(k).alive ? map.features(k).size() : 0;
+    for (int i = 0; i < denser[k].size(); ++i) {
+      const Keypoint& keypoint = denser[k].keypoint(i);
+      if (IsPresent(map.features(k), keypoint)) continue;
+      map.AddKeypoint(k, keypoint, denser[k].descriptor(i));
+    }
+    denser[k] = {};
+    if (!map.keyframe(k).alive) continue;
+    map.BuildGrid(k, undistorter);
+    count += map.features(k).size() - num_present;
+  }
+  return count;
 }
 
 void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map) {
@@ -35,8 +75,7 @@ void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map
 }
 
 PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& feature_options,
-                     const Undistorter& undistorter,
-                     const std::function<cv::Mat(size_t)>& read_gray, int num_threads,
+                     const Undistorter& undistorter, const FrameImages& images, int num_threads,
                      const Map& map)
     : options_(options),
       undistorter_(undistorter),
@@ -46,7 +85,8 @@ PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& fea
   ParallelFor(pyramids_.size(), num_threads, [&](size_t k) {
     const Keyframe& keyframe = map.keyframe(static_cast<int>(k));
     if (!keyframe.alive) return;
-    pyramids_[k] = BuildPyramid(feature_options, read_gray(static_cast<size_t>(keyframe.frame)));
+    pyramids_[k] =
+        BuildPyramid(feature_options, images.read_gray(static_cast<size_t>(keyframe.frame)));
   });
 }
 

@@ -20,7 +20,11 @@
 
 namespace s3lam::slam {
 
+/// What a run may cost: fast leaves out the steps that Effective() names.
+enum class Accuracy { kFast, kHigh };
+
 struct Options {
+  Accuracy accuracy = Accuracy::kHigh;
   FeatureOptions features;
   InitializerOptions initializer;
   TrackerOptions tracker;
@@ -36,6 +40,9 @@ struct Options {
 
   void Visit(OptionVisitor& v);
 };
+
+/// The options as a run uses them, with what its accuracy leaves out switched off.
+Options Effective(const Options& options);
 
 /// A sequence as the algorithm sees it. The callbacks may be called from several threads at once
 /// when `concurrent_reads` is set.

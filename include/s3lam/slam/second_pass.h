@@ -9,6 +9,7 @@
 namespace s3lam {
 
 struct SecondPassOptions {
+  int keyframe_features = 0;
   int rounds = 1;
   int neighbours = 20;
   bool extend_tracks = true;
@@ -17,6 +18,18 @@ struct SecondPassOptions {
   void Visit(OptionVisitor& v);
 };
 
+/// What the passes over the keyframes read again, by frame.
+struct FrameImages {
+  std::function<cv::Mat(size_t)> read_gray;
+  std::function<cv::Mat(size_t)> read_mask;  // May be empty: see ExtractFeatures.
+};
+
+/// Adds keypoints to the keyframes, which are few, until they have as many as the options say:
+/// tracking all frames with so many would cost far more. Returns how many were added.
+int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature_options,
+                        const Undistorter& undistorter, const FrameImages& images, int num_threads,
+                        Map& map);
+
 /// With the whole map at hand: every keyframe is matched against the points of all its neighbours
 /// again, both ways, points that are the same merged, and what is still free triangulated.
 void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map);
@@ -24,10 +37,9 @@ void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map
 /// Works on the images of the keyframes, which it holds in memory: a pyramid each.
 class PatchPass {
  public:
-  /// `read_gray` gives a frame's image.
   PatchPass(const SecondPassOptions& options, const FeatureOptions& feature_options,
-            const Undistorter& undistorter, const std::function<cv::Mat(size_t)>& read_gray,
-            int num_threads, const Map& map);
+            const Undistorter& undistorter, const FrameImages& images, int num_threads,
+            const Map& map);
 
   /// Aligns every observation of a point with the one that looks most like the others; aligned ones
   /// move and get their smaller sigma, observations that do not align are removed.
