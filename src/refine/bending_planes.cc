@@ -5,15 +5,10 @@
 #include <cmath>
 #include <numbers>
 
+#include "s3lam/base/statistics.h"
+
 namespace s3lam {
 namespace {
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Direction in which points spread most, within a plane.
 Eigen::Vector3d LongAxis(const std::vector<int>& indices, const AnchoredPlane& plane,

@@ -230,7 +230,7 @@ class CeresBundle {
       if (!used_poses_.contains(term.pose)) continue;
       others_.push_back(std::make_unique<CameraHeightCost>(
           bundle_.planes[term.plane].anchor_in_world, term.sigma_relative));
-      problem_.AddResidualBlock(others_.back().get(), nullptr, Pose(term.pose),
+      problem_.AddResidualBlock(others_.back().get(), &plane_loss_, Pose(term.pose),
                                 UsePlane(term.plane), &bundle_.height);
     }
   }
@@ -363,7 +363,6 @@ class CeresBundle {
 }  // namespace
 
 void BundleSolverOptions::Visit(OptionVisitor& v) {
-  v.Value("sigma_px", sigma_px, "standard deviation of a keypoint [px]", 1e-6, 1e6);
   v.Value("huber_reprojection", huber_reprojection,
           "Huber's threshold of reprojection residuals [sigma]", 1e-6, 1e6);
   v.Value("huber_plane", huber_plane, "Huber's threshold of all plane residuals [sigma]", 1e-6,

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "s3lam/base/rng.h"
+#include "s3lam/base/statistics.h"
 #include "s3lam/robust/plane_fit.h"
 
 namespace s3lam {
@@ -18,14 +19,10 @@ constexpr std::array<std::string_view, 3> kModeNames{"auto", "on", "off"};
 constexpr size_t kMaxCamerasForGuess = 60;
 /// A ground point may lie this many heights of path beyond the cameras that see it.
 constexpr double kReachHeights = 40.0;
+/// A camera takes no part if the ground under it is less certain than this [sigma of the height]:
+/// its ground points lie aside or far ahead.
+constexpr double kMaxFootSigmas = 2.0;
 constexpr uint64_t kGroundSeed = 0x67726f756e64ULL;
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Cameras in the order of their images and how far along the path each is.
 struct CameraPath {
@@ -100,6 +97,14 @@ double GuessHeight(const CameraPath& path, const std::vector<int>& ground, doubl
     if (fit) heights.push_back(fit->plane.SignedDistance(path.centers[i]));
   }
   return Median(std::move(heights));
+}
+
+/// Standard deviation of a camera's height over a plane fitted to points that may lie aside of it.
+double HeightSigma(const PlaneFit& fit, const Eigen::Vector3d& center) {
+  const Eigen::Vector3d arm = center - fit.centroid;
+  // d(distance) / d(rotations about u and v, shift), as PlaneFit::covariance has them.
+  const Eigen::Vector3d lever(-fit.axis_v.dot(arm), fit.axis_u.dot(arm), -1.0);
+  return std::sqrt(std::max(0.0, lever.dot(fit.covariance * lever)));
 }
 
 /// One stretch of the path with the ground under it.
@@ -224,6 +229,14 @@ class GroundBuilder {
     const Eigen::Vector3d& camera = path_.centers[stretch.cameras[stretch.cameras.size() / 2]];
     stretch.fit = FitGround(stretch.points, camera, sigma_px_, model_, map_.problem);
     if (!stretch.fit) return;
+    std::erase_if(stretch.cameras, [&](size_t i) {
+      return HeightSigma(*stretch.fit, path_.centers[i]) >
+             kMaxFootSigmas * options_.sigma_relative * height_;
+    });
+    if (stretch.cameras.empty()) {
+      stretch.fit.reset();
+      return;
+    }
     std::vector<double> of_stretch;
     for (const size_t i : stretch.cameras) {
       of_stretch.push_back(stretch.fit->plane.SignedDistance(path_.centers[i]));
@@ -352,11 +365,60 @@ double HeightSpread(const BundleProblem& problem) {
   return std::sqrt(std::max(0.0, squared / n - mean * mean)) / mean;
 }
 
-void StrengthenHeights(const CameraHeightOptions& options, BundleProblem& problem) {
+HeightEvidence MeasureHeights(const CameraHeightOptions& options, const PlaneSigmaOptions& sigma,
+                              double sigma_px, const PlaneModel& model,
+                              const BundleProblem& problem) {
+  constexpr double kMaxSigmas = 3.0;
+  struct Height {
+    double value, variance;
+  };
+  std::vector<Height> heights;
+  int fitted = -1;
+  std::optional<PlaneFit> fit;
+  for (const HeightTerm& term : problem.heights) {
+    if (term.plane != fitted) {
+      fitted = term.plane;
+      fit = FitMembers(sigma, sigma_px, model.planes[term.plane], model, problem);
+    }
+    if (!fit) continue;
+    const Eigen::Vector3d center = FromPoseBlock(problem.poses[term.pose].data()).CenterInB();
+    heights.push_back({std::abs(fit->plane.SignedDistance(center)) / problem.height,
+                       std::pow(HeightSigma(*fit, center) / problem.height, 2)});
+  }
+  HeightEvidence evidence;
+  double weights = 0.0;
+  double mean = 0.0;
+  for (Height& height : heights) {
+    height.variance += options.sigma_relative * options.sigma_relative;
+    weights += 1.0 / height.variance;
+    mean += height.value / height.variance;
+  }
+  if (heights.empty()) return evidence;
+  mean /= weights;
+  double squares = 0.0;
+  double normalised = 0.0;
+  for (const Height& height : heights) {
+    const double deviation = height.value / mean - 1.0;
+    squares += deviation * deviation;
+    // A stretch with a wrong plane is far off with all its cameras, and says nothing of the others.
+    normalised += std::min(deviation * deviation / height.variance, kMaxSigmas * kMaxSigmas);
+  }
+  const auto n = static_cast<double>(heights.size());
+  evidence.spread = std::sqrt(squares / n);
+  evidence.excess = std::sqrt(normalised / n);
+  return evidence;
+}
+
+void StrengthenGround(const CameraHeightOptions& options, double excess, PlaneModel& model,
+                      BundleProblem& problem) {
   constexpr double kMaxFactor = 5.0;
-  const double excess = HeightSpread(problem) / options.sigma_relative;
+  constexpr double kMaxStrength = 20.0;
   if (excess <= 1.0) return;
-  for (HeightTerm& term : problem.heights) term.sigma_relative /= std::min(excess, kMaxFactor);
+  model.ground_strength =
+      std::min(kMaxStrength, model.ground_strength * std::min(excess, kMaxFactor));
+  for (HeightTerm& term : problem.heights) {
+    term.sigma_relative = options.sigma_relative / model.ground_strength;
+  }
 }
 
 GroundReport AddGround(const CameraHeightOptions& options, const SemanticMap& semantics,

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <stdexcept>
 
 #include "s3lam/base/log.h"
@@ -9,6 +10,9 @@
 
 namespace s3lam {
 namespace {
+
+/// How far the heights may vary beyond what is known of them when the rounds end.
+constexpr double kHeightsSettled = 1.2;
 
 class OuterLoop {
  public:
@@ -26,7 +30,7 @@ class OuterLoop {
         if (i > 0) {
           UpdatePlanes();
           if (i == 1) RelatePlanes();
-          StrengthenHeights(settings_.camera_height, map_.problem);
+          HoldHeights();
         }
         iteration.membership = AssignPoints(settings_.planes.membership, settings_.planes.sigma,
                                             settings_.solver.sigma_px, *planes_, map_.problem);
@@ -75,6 +79,18 @@ class OuterLoop {
     RefitPlanes(settings_.planes.sigma, settings_.solver.sigma_px, true, *planes_, map_.problem);
   }
 
+  void HoldHeights() {
+    if (map_.problem.heights.empty()) return;
+    const HeightEvidence heights =
+        MeasureHeights(settings_.camera_height, settings_.planes.sigma, settings_.solver.sigma_px,
+                       *planes_, map_.problem);
+    height_excess_ = heights.excess;
+    StrengthenGround(settings_.camera_height, height_excess_, *planes_, map_.problem);
+    spdlog::info(
+        "measured heights vary by {:.2f} %, {:.2f} times what is explained; strength {:.3g}",
+        100.0 * heights.spread, heights.excess, planes_->ground_strength);
+  }
+
   /// Once, after the first solve with planes has sharpened them.
   void RelatePlanes() {
     if (!settings_.relations.enabled || settings_.planes.mode == PlaneMode::kFixed) return;
@@ -91,6 +107,7 @@ class OuterLoop {
     const bool observations_settled =
         static_cast<double>(changed) <= allowed * static_cast<double>(iteration.observations.total);
     if (!iteration.with_planes) return observations_settled;
+    if (height_excess_ > kHeightsSettled) return false;
     return index > 0 && observations_settled &&
            static_cast<double>(iteration.membership.changed) <=
                allowed * static_cast<double>(iteration.membership.members);
@@ -123,6 +140,7 @@ class OuterLoop {
   PlaneModel* planes_;
   BundleMap& map_;
   ExactPlanes exact_;
+  double height_excess_ = 0.0;
   std::vector<OuterIteration> iterations_;
 };
 
@@ -137,8 +155,24 @@ void OuterLoopOptions::Visit(OptionVisitor& v) {
           1.0);
 }
 
-std::vector<OuterIteration> AdjustPlain(const OuterLoopSettings& settings, BundleMap& map) {
-  return OuterLoop(settings, nullptr, nullptr, map).Run();
+std::vector<OuterIteration> AdjustPlain(OuterLoopSettings& settings, BundleMap& map) {
+  // A map handed over as another program left it may fit its keypoints much better afterwards.
+  constexpr int kMostRounds = 3;
+  constexpr double kSameSigma = 0.1;
+  double& sigma_px = settings.solver.sigma_px;
+  sigma_px = settings.keypoint_sigma_px;
+  if (sigma_px > 0.0) return OuterLoop(settings, nullptr, nullptr, map).Run();
+  std::vector<OuterIteration> iterations;
+  sigma_px = MeasureKeypointSigma(map);
+  for (int round = 0; round < kMostRounds; ++round) {
+    spdlog::info("standard deviation of a keypoint: {:.3g} px", sigma_px);
+    const auto again = OuterLoop(settings, nullptr, nullptr, map).Run();
+    iterations.insert(iterations.end(), again.begin(), again.end());
+    const double measured = MeasureKeypointSigma(map);
+    if (std::abs(measured / sigma_px - 1.0) <= kSameSigma) break;
+    sigma_px = measured;
+  }
+  return iterations;
 }
 
 std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,

@@ -170,7 +170,7 @@ void CountUse(const BundleMap& map, Report& report) {
 
 /// Bundle adjustment without planes, with the camera parameters that may change; again from the
 /// start with all cameras kept if one ends where it cannot be believed. From here on cameras stay.
-std::vector<OuterIteration> AdjustCameras(const Options& options, BundleMap& map,
+std::vector<OuterIteration> AdjustCameras(Options& options, BundleMap& map,
                                           std::vector<IntrinsicsReport>& reports) {
   if (!options.intrinsics.Any()) return AdjustPlain(options, map);
   const BundleMap given = map;
@@ -221,6 +221,9 @@ std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_
 }  // namespace
 
 void Options::Visit(OptionVisitor& v) {
+  v.Value("keypoint_sigma_px", keypoint_sigma_px,
+          "standard deviation of a keypoint [px]; 0: measured by the median reprojection error",
+          0.0, 1e6);
   v.Group("solver", solver, "The bundle adjustment.");
   v.Group("outliers", outliers, "Observations that are left out.");
   v.Group("intrinsics", intrinsics, "Camera parameters that are refined.");
@@ -236,21 +239,20 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("outer", outer, "Rounds of solving and choosing inliers.");
 }
 
-Report Run(const Options& options, const Input& input, Output& output) {
+Report Run(const Options& given, const Input& input, Output& output) {
   Report report;
-  const double sigma_px = options.solver.sigma_px;
+  Options options = given;
   BundleMap map;
   PlaneModel planes;
   {
     const ScopedStep step(report.seconds, "build");
     map = BuildBundleMap(input.model);
-    SelectObservations(options.outliers, sigma_px, true, map);
+    SelectObservations(options.outliers, options.solver.sigma_px, true, map);
     AddLooks(input.descriptors, input.semantics, map);
     ApplyConstraints(input.constraints, map);
     map.problem.gauge = ChooseGaugeWithConstraints(map.problem);
     CheckUsable(map);
     planes = BuildPlaneModel(options.planes.membership, input.semantics, map);
-    CutBendingPlanes(options.bending, input.semantics.class_table, sigma_px, planes, map.problem);
   }
   std::vector<ArmState> arms{Snapshot("input", map)};
   const double held_distance = HeldDistance(map.problem);
@@ -259,8 +261,11 @@ Report Run(const Options& options, const Input& input, Output& output) {
     report.iterations = AdjustCameras(options, map, report.cameras);
     arms.push_back(Snapshot("plain", map));
   }
+  const double sigma_px = options.solver.sigma_px;
+  report.keypoint_sigma_px = sigma_px;
   {
     const ScopedStep step(report.seconds, "planar");
+    CutBendingPlanes(options.bending, input.semantics.class_table, sigma_px, planes, map.problem);
     const auto planar = AdjustPlanar(options, input.semantics, planes, map, report.ground);
     report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
     if (!planar.empty()) arms.push_back(Snapshot("planar", map));

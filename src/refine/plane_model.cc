@@ -4,7 +4,10 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <numeric>
 
+#include "plane_distance.h"
+#include "s3lam/base/statistics.h"
 #include "s3lam/robust/plane_fit.h"
 
 namespace s3lam {
@@ -12,19 +15,6 @@ namespace {
 
 constexpr std::array<std::string_view, 3> kSigmaKindNames{"pixel", "relative_depth", "metric"};
 constexpr std::array<std::string_view, 4> kPlaneModeNames{"off", "fixed", "joint", "hard"};
-constexpr double kMedianOfAbsoluteUnitNormal = 0.6744897501960817;
-constexpr double kHuberPlane = 1.96;
-
-double Distance(const BundleProblem& problem, int plane, int point) {
-  const AnchoredPlane& p = problem.planes[plane];
-  return p.parameters.head<3>().dot(problem.points[point] - p.anchor_in_world) + p.parameters[3];
-}
-
-/// Variance of a point's triangulation along its plane's normal.
-double NormalVariance(const PlaneModel& model, const BundleProblem& problem, int plane, int point) {
-  const Eigen::Vector3d normal = problem.planes[plane].parameters.head<3>();
-  return std::max(0.0, normal.dot(model.covariances[point] * normal));
-}
 
 /// Box of a plane's inliers along its in-plane axes.
 struct Extent {
@@ -96,18 +86,6 @@ void AddNearbyPoints(const SemanticMap& semantics, const BundleMap& map,
   }
 }
 
-/// The unbiased (free) distance of a point in sigmas of its prediction. A member was pulled towards
-/// its plane by sigma^2 / (s^2 w + sigma^2), with s from triangulation and w Huber's weight.
-double Innovation(double distance, double triangulation_variance, double sigma, bool is_member) {
-  const double variance = sigma * sigma;
-  double free_distance = std::abs(distance);
-  if (is_member) {
-    const double weight = std::min(1.0, kHuberPlane * sigma / std::max(free_distance, 1e-300));
-    free_distance *= (triangulation_variance * weight + variance) / variance;
-  }
-  return free_distance / std::sqrt(triangulation_variance + variance);
-}
-
 }  // namespace
 
 void PlaneSigmaOptions::Visit(OptionVisitor& v) {
@@ -142,6 +120,7 @@ void MembershipOptions::Visit(OptionVisitor& v) {
   v.Value("extent_margin", extent_margin,
           "points of a cluster may join a plane within its extent grown by this part", 0.0, 100.0);
   v.Value("min_points", min_points, "a plane with fewer points is not used", 3, 1000000);
+  v.Group("cells", cells, "Parts of a surface that do not lie on its plane.");
 }
 
 PlaneModel BuildPlaneModel(const MembershipOptions& options, const SemanticMap& semantics,
@@ -174,10 +153,7 @@ void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel
     const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
     depths.push_back(model.pixel_size[o.point] * camera.MeanFocal());
   }
-  if (depths.empty()) return;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  model.median_depth = *middle;
+  model.median_depth = Median(std::move(depths));
 }
 
 double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
@@ -193,21 +169,38 @@ double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, dou
   return plane.kappa * sigma_px * model.pixel_size[point];
 }
 
+std::vector<UncertainPoint> UncertainPoints(const PlaneSigmaOptions& options, double sigma_px,
+                                            const PlaneState& state,
+                                            const std::vector<int>& indices,
+                                            const PlaneModel& model, const BundleProblem& problem) {
+  std::vector<UncertainPoint> points;
+  points.reserve(indices.size());
+  for (const int i : indices) {
+    const double sigma = PlaneSigma(options, model, sigma_px, state, i);
+    points.push_back(
+        {problem.points[i], model.covariances[i] + sigma * sigma * Eigen::Matrix3d::Identity()});
+  }
+  return points;
+}
+
+std::optional<PlaneFit> FitMembers(const PlaneSigmaOptions& options, double sigma_px,
+                                   const PlaneState& state, const PlaneModel& model,
+                                   const BundleProblem& problem) {
+  std::vector<int> members;
+  for (const int i : state.members) {
+    if (model.pixel_size[i] > 0.0) members.push_back(i);
+  }
+  std::vector<size_t> all(members.size());
+  std::iota(all.begin(), all.end(), size_t{0});
+  return FitPlane(UncertainPoints(options, sigma_px, state, members, model, problem), all);
+}
+
 void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, bool constant_only,
                  PlaneModel& model, BundleProblem& problem) {
   for (size_t k = 0; k < model.planes.size(); ++k) {
     const PlaneState& state = model.planes[k];
     if (!state.in_use || (constant_only && !problem.planes[k].is_constant)) continue;
-    std::vector<UncertainPoint> points;
-    std::vector<size_t> all;
-    for (const int i : state.members) {
-      if (!(model.pixel_size[i] > 0.0)) continue;
-      const double sigma = PlaneSigma(options, model, sigma_px, state, i);
-      all.push_back(points.size());
-      points.push_back(
-          {problem.points[i], model.covariances[i] + sigma * sigma * Eigen::Matrix3d::Identity()});
-    }
-    const auto fit = FitPlane(points, all);
+    const auto fit = FitMembers(options, sigma_px, state, model, problem);
     if (!fit) continue;
     AnchoredPlane& plane = problem.planes[k];
     Plane fitted = fit->plane;
@@ -218,131 +211,6 @@ void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, bool constan
     plane = AnchoredPlane::FromPlane(fitted, plane.anchor_in_world);
     plane.is_constant = is_constant;
   }
-}
-
-namespace {
-
-/// Rounds of InitialisePlanes, and how near [sigma] to its plane a point must be to speak for
-/// kappa.
-constexpr int kInitialRounds = 5;
-constexpr double kKappaGate = 3.0;
-
-struct KappaSample {
-  double squared_distance, triangulation_variance, squared_unit;
-};
-
-double MedianSigmas(const std::vector<KappaSample>& samples, double kappa) {
-  std::vector<double> sigmas;
-  sigmas.reserve(samples.size());
-  for (const KappaSample& s : samples) {
-    sigmas.push_back(std::sqrt(s.squared_distance /
-                               (s.triangulation_variance + kappa * kappa * s.squared_unit)));
-  }
-  const auto middle = sigmas.begin() + static_cast<std::ptrdiff_t>(sigmas.size() / 2);
-  std::nth_element(sigmas.begin(), middle, sigmas.end());
-  return *middle;
-}
-
-/// The median falls as kappa grows: bisection.
-double SolveKappa(const std::vector<KappaSample>& samples, double min_kappa) {
-  constexpr double kMaxKappa = 1e9;
-  double low = min_kappa;
-  if (samples.empty() || MedianSigmas(samples, low) <= kMedianOfAbsoluteUnitNormal) return low;
-  double high = low;
-  do {
-    high *= 2.0;
-  } while (MedianSigmas(samples, high) > kMedianOfAbsoluteUnitNormal && high < kMaxKappa);
-  for (int step = 0; step < 30; ++step) {
-    const double middle = 0.5 * (low + high);
-    (MedianSigmas(samples, middle) > kMedianOfAbsoluteUnitNormal ? low : high) = middle;
-  }
-  return high;
-}
-
-void EstimateKappa(double min_kappa, double sigma_px, const BundleProblem& problem,
-                   PlaneModel& model) {
-  std::vector<std::vector<KappaSample>> samples(model.kappa_of_class.size());
-  for (size_t k = 0; k < model.planes.size(); ++k) {
-    const int plane = static_cast<int>(k);
-    for (const int i : model.planes[k].members) {
-      const double distance = Distance(problem, plane, i);
-      const double unit = sigma_px * model.pixel_size[i];
-      samples[model.planes[k].class_index].push_back(
-          {distance * distance, NormalVariance(model, problem, plane, i), unit * unit});
-    }
-  }
-  for (size_t c = 0; c < samples.size(); ++c) {
-    if (!samples[c].empty()) model.kappa_of_class[c] = SolveKappa(samples[c], min_kappa);
-  }
-  for (PlaneState& plane : model.planes) plane.kappa = model.kappa_of_class[plane.class_index];
-}
-
-/// Learns from the best third of each plane's candidates how many are wrong and how far off those
-/// lie. If they are many, a point must be certain enough to be seen off the plane at that distance.
-void LimitUncertainty(const PlaneOptions& options, double sigma_px, const BundleProblem& problem,
-                      PlaneModel& model) {
-  constexpr double kManyWrong = 0.1;
-  struct Candidate {
-    double ratio, distance, innovation;
-  };
-  for (size_t k = 0; k < model.planes.size(); ++k) {
-    PlaneState& state = model.planes[k];
-    std::vector<Candidate> best;
-    for (const int i : state.candidates) {
-      if (!(model.pixel_size[i] > 0.0)) continue;
-      const double sigma = PlaneSigma(options.sigma, model, sigma_px, state, i);
-      const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
-      const double distance = std::abs(Distance(problem, static_cast<int>(k), i));
-      best.push_back(
-          {variance / (sigma * sigma), distance, Innovation(distance, variance, sigma, false)});
-    }
-    std::stable_sort(best.begin(), best.end(),
-                     [](const Candidate& a, const Candidate& b) { return a.ratio < b.ratio; });
-    best.resize((best.size() + 2) / 3);
-    std::vector<double> wrong;
-    for (const Candidate& candidate : best) {
-      if (candidate.innovation > options.membership.max_sigma) wrong.push_back(candidate.distance);
-    }
-    if (static_cast<double>(wrong.size()) <= kManyWrong * static_cast<double>(best.size())) {
-      continue;
-    }
-    const auto middle = wrong.begin() + static_cast<std::ptrdiff_t>(wrong.size() / 2);
-    std::nth_element(wrong.begin(), middle, wrong.end());
-    state.max_uncertainty = *middle / options.membership.max_sigma;
-  }
-}
-
-/// Members are the candidates within `gate` sigmas, none of them being pulled by the plane yet.
-void GateMembers(const PlaneSigmaOptions& options, double sigma_px, double gate,
-                 const BundleProblem& problem, PlaneModel& model) {
-  for (size_t k = 0; k < model.planes.size(); ++k) {
-    PlaneState& state = model.planes[k];
-    state.members.clear();
-    if (!state.in_use) continue;
-    for (const int i : state.candidates) {
-      if (!(model.pixel_size[i] > 0.0)) continue;
-      const int plane = static_cast<int>(k);
-      if (Innovation(Distance(problem, plane, i), NormalVariance(model, problem, plane, i),
-                     PlaneSigma(options, model, sigma_px, state, i), false) <= gate) {
-        state.members.push_back(i);
-      }
-    }
-  }
-}
-
-}  // namespace
-
-void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& model,
-                      BundleProblem& problem) {
-  GateMembers(options.sigma, sigma_px, std::numeric_limits<double>::infinity(), problem, model);
-  for (int round = 0; round < kInitialRounds; ++round) {
-    EstimateKappa(options.sigma.min_kappa, sigma_px, problem, model);
-    GateMembers(options.sigma, sigma_px, options.membership.max_sigma, problem, model);
-    RefitPlanes(options.sigma, sigma_px, false, model, problem);
-    GateMembers(options.sigma, sigma_px, kKappaGate, problem, model);
-  }
-  LimitUncertainty(options, sigma_px, problem, model);
-  for (PlaneState& plane : model.planes) plane.members.clear();
 }
 
 MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,
@@ -385,8 +253,9 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
     state.members = std::move(members);
     counts.members += state.members.size();
     for (const int i : state.members) {
+      const double strength = state.is_ground ? model.ground_strength : 1.0;
       problem.points_on_planes.push_back(
-          {i, static_cast<int>(k), PlaneSigma(sigma, model, sigma_px, state, i)});
+          {i, static_cast<int>(k), PlaneSigma(sigma, model, sigma_px, state, i) / strength});
     }
   }
   std::sort(problem.points_on_planes.begin(), problem.points_on_planes.end(),

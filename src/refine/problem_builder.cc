@@ -5,17 +5,11 @@
 #include <map>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/statistics.h"
 #include "s3lam/refine/projection.h"
 
 namespace s3lam {
 namespace {
-
-double MedianOf(std::vector<double>& values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 std::vector<Rigid3> PosesOf(const BundleProblem& problem) {
   std::vector<Rigid3> poses;
@@ -123,7 +117,7 @@ ObservationCounts SelectObservations(const OutlierOptions& options, double sigma
     in_camera[k] = poses[o.pose] * problem.points[o.point];
     if (in_camera[k].z() > 0.0) depths.push_back(in_camera[k].z());
   }
-  const double min_depth = options.min_depth_ratio * MedianOf(depths);
+  const double min_depth = options.min_depth_ratio * Median(depths);
   std::vector<uint8_t> use(counts.total, 0);
   for (size_t k = 0; k < counts.total; ++k) {
     const BundleObservation& o = map.observations[k];
@@ -170,6 +164,30 @@ Gauge ChooseGauge(const BundleProblem& problem) {
   return gauge;
 }
 
+double MeasureKeypointSigma(const BundleMap& map) {
+  constexpr double kLeastSigma = 0.1;  // [px]
+  const BundleProblem& problem = map.problem;
+  const std::vector<Rigid3> poses = PosesOf(problem);
+  std::vector<double> errors;
+  const auto& observations = map.observations;
+  for (size_t begin = 0, end = 0; begin < observations.size(); begin = end) {
+    const int point = observations[begin].point;
+    while (end < observations.size() && observations[end].point == point) ++end;
+    if (end - begin < 2) continue;
+    const double correction = ResidualCorrection(end - begin);
+    for (size_t k = begin; k < end; ++k) {
+      const BundleObservation& o = observations[k];
+      const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
+      Eigen::Vector2d pixel;
+      if (ProjectPoint(camera.model, camera.params.data(), poses[o.pose] * problem.points[point],
+                       &pixel, nullptr)) {
+        errors.push_back(correction * (pixel - o.pixel).norm());
+      }
+    }
+  }
+  return std::max(kLeastSigma, Median(std::move(errors)) / kMedianOfRayleigh);
+}
+
 std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& problem,
                                                       double sigma_px) {
   const std::vector<Rigid3> poses = PosesOf(problem);
@@ -207,7 +225,7 @@ std::vector<double> PixelSizes(const BundleProblem& problem) {
       const Camera& camera = problem.cameras[problem.camera_of_pose[pose]];
       of_point.push_back((poses[pose] * problem.points[point]).z() / camera.MeanFocal());
     }
-    sizes[point] = MedianOf(of_point);
+    sizes[point] = Median(of_point);
   }
   return sizes;
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "s3lam/base/statistics.h"
 #include "s3lam/robust/plane_fit.h"
 
 namespace s3lam {
@@ -63,17 +64,7 @@ class Proposer {
     const PlaneState& state = model_.planes[k];
     if (!state.in_use || state.is_ground || state.is_piece || state.members.empty())
       return evidence;
-    std::vector<UncertainPoint> points;
-    std::vector<size_t> all;
-    std::vector<double> sigmas;
-    for (const int i : state.members) {
-      sigmas.push_back(PlaneSigma(sigma_, model_, sigma_px_, state, i));
-      all.push_back(points.size());
-      points.push_back(
-          {problem_.points[i],
-           model_.covariances[i] + sigmas.back() * sigmas.back() * Eigen::Matrix3d::Identity()});
-    }
-    const auto fit = FitPlane(points, all);
+    const auto fit = FitMembers(sigma_, sigma_px_, state, model_, problem_);
     if (!fit) return evidence;
     evidence.plane = problem_.planes[k].PlaneInWorld();
     evidence.centroid = evidence.plane.Project(fit->centroid);
@@ -81,9 +72,11 @@ class Proposer {
         fit->covariance.topLeftCorner<2, 2>().eval());
     evidence.sigma_normal = std::sqrt(std::max(0.0, tilt.eigenvalues()[1]));
     evidence.sigma_offset = std::sqrt(std::max(0.0, fit->covariance(2, 2)));
-    std::nth_element(sigmas.begin(), sigmas.begin() + static_cast<long>(sigmas.size() / 2),
-                     sigmas.end());
-    evidence.sigma_point = sigmas[sigmas.size() / 2];
+    std::vector<double> sigmas;
+    for (const int i : state.members) {
+      sigmas.push_back(PlaneSigma(sigma_, model_, sigma_px_, state, i));
+    }
+    evidence.sigma_point = Median(std::move(sigmas));
     evidence.usable = evidence.sigma_normal <= options_.max_normal_sigma_deg * kRadians;
     return evidence;
   }

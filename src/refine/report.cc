@@ -7,6 +7,7 @@
 #include <map>
 #include <numbers>
 
+#include "s3lam/base/statistics.h"
 #include "s3lam/refine/projection.h"
 #include "s3lam/robust/plane_fit.h"
 
@@ -18,13 +19,6 @@ constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr double kPairAngleDeg = 8.0;
 /// Only the planes with the most points are compared with each other.
 constexpr size_t kMaxPlanesInPairs = 12;
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 double ReprojectionRms(const BundleProblem& problem, const ArmState& state) {
   std::vector<Rigid3> poses;

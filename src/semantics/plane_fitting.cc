@@ -11,6 +11,7 @@
 
 #include "plane_patches.h"
 #include "s3lam/base/parallel.h"
+#include "s3lam/base/statistics.h"
 
 namespace s3lam {
 namespace {
@@ -21,10 +22,7 @@ double MedianDepthOf(const Reconstruction& reconstruction, const ScenePoint& poi
   for (const TrackElement& element : point.track) {
     depths.push_back((reconstruction.images.at(element.image_id).cam_from_world * point.xyz).z());
   }
-  if (depths.empty()) return 0.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return Median(std::move(depths));
 }
 
 /// The points of a cluster that are known well enough to tell where a surface is.
@@ -240,13 +238,10 @@ void PlaneOptions::Visit(OptionVisitor& v) {
 }
 
 double EstimateKeypointSigma(const Reconstruction& reconstruction) {
-  constexpr double kMedianOfRayleigh = 1.17741;  // sqrt(2 ln 2), for a sigma of one.
   std::vector<double> errors;
   for (const auto& [id, point] : reconstruction.points) {
-    const auto n = static_cast<double>(point.track.size());
-    if (n < 2.0) continue;
-    // A point takes up 3 of its 2 n residuals' freedoms.
-    const double correction = std::sqrt(2.0 * n / (2.0 * n - 3.0));
+    if (point.track.size() < 2) continue;
+    const double correction = ResidualCorrection(point.track.size());
     for (const TrackElement& element : point.track) {
       const Image& image = reconstruction.images.at(element.image_id);
       const auto projected =
@@ -256,9 +251,7 @@ double EstimateKeypointSigma(const Reconstruction& reconstruction) {
     }
   }
   if (errors.empty()) return 1.0;
-  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-  std::nth_element(errors.begin(), middle, errors.end());
-  return *middle / kMedianOfRayleigh;
+  return Median(std::move(errors)) / kMedianOfRayleigh;
 }
 
 std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruction,

@@ -79,7 +79,7 @@ TEST_F(Configuration, ValueOfWrongType) {
 }
 
 TEST_F(Configuration, ValueOutOfBounds) {
-  ExpectConfigRefused({"--set", "solver.sigma_px=-1"}, kWrongUsage, {"solver.sigma_px"});
+  ExpectConfigRefused({"--set", "keypoint_sigma_px=-1"}, kWrongUsage, {"keypoint_sigma_px"});
 }
 
 TEST_F(Configuration, UnknownMode) {

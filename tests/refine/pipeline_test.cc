@@ -148,6 +148,19 @@ TEST(Refine, TheSameInputGivesTheSameBytes) {
   EXPECT_TRUE(SameBytes(first.model, second.model));
 }
 
+TEST(Refine, TheKeypointsSigmaIsMeasuredWhereItIsNotGiven) {
+  for (const char* noise : {"pixel_sigma=0.3", "pixel_sigma=1.4"}) {
+    const SyntheticMap map = MakeMap({noise, "outlier_fraction=0.05"});
+    Output output;
+    const Report report = refine::Run(WithMode(PlaneMode::kOff), InputOf(map), output);
+    const double sigma = std::stod(std::string(noise).substr(12));
+    EXPECT_NEAR(report.keypoint_sigma_px, sigma, 0.25 * sigma);
+    Options options = WithMode(PlaneMode::kOff);
+    options.keypoint_sigma_px = 2.0;
+    EXPECT_EQ(refine::Run(options, InputOf(map), output).keypoint_sigma_px, 2.0);
+  }
+}
+
 TEST(Refine, WrongLabelsDoNoHarm) {
   const SyntheticMap map = MakeMap({"wrong_label_fraction=0.3"});
   Output plain;

@@ -12,7 +12,7 @@ namespace s3lam {
 enum class LinearSolver { kAuto, kDenseSchur, kSparseSchur, kIterativeSchur };
 
 struct BundleSolverOptions {
-  double sigma_px = 1.0;
+  double sigma_px = 1.0;  // Of a keypoint; not a configuration value: see OuterLoopSettings.
   double huber_reprojection = 2.4477;  // sqrt(5.991): 95 % of chi-squared with 2 dof
   double huber_plane = 1.9600;         // sqrt(3.841): 95 % with 1 dof
   int max_iterations = 50;

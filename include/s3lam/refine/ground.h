@@ -17,9 +17,10 @@ struct CameraHeightOptions {
   CameraHeightMode mode = CameraHeightMode::kAuto;
   std::string ground_class = "road";
   double value = 0.0;
-  /// Of a car's 1.65 m: 8 mm heave, 7 mm from pitch, 5 mm uneven road, together 12 mm.
-  double sigma_relative = 0.007;
-  double plane_length_heights = 12.0;
+  /// Of a car's 1.65 m: 8 mm heave, 10 mm from pitch (0.6 deg a metre ahead of the middle of the
+  /// axles), 10 mm uneven road, together 16 mm.
+  double sigma_relative = 0.01;
+  double plane_length_heights = 8.0;
   double max_bend_deg = 1.0;
   double max_step_relative = 0.01;
   double auto_max_spread = 0.05;
@@ -49,11 +50,22 @@ struct GroundReport {
 GroundReport AddGround(const CameraHeightOptions& options, const SemanticMap& semantics,
                        double sigma_px, PlaneModel& model, BundleMap& map);
 
-/// Between two solves: if the heights still vary by more than sigma_relative, lowers the terms'
-/// sigma so that the next solution comes nearer to it (at most to a fifth at once). Observations of
-/// one track share their errors, so bundle adjustment is surer of its scale than it should be, by
-/// an unknown factor; how much the height of a camera on wheels varies is known.
-void StrengthenHeights(const CameraHeightOptions& options, BundleProblem& problem);
+/// What the ground's points alone, as they are, say of the cameras' heights above them.
+struct HeightEvidence {
+  double spread = 0.0;  // Relative standard deviation.
+  double excess = 0.0;  // The same in units of what sigma_relative and the points' noise explain.
+};
+HeightEvidence MeasureHeights(const CameraHeightOptions& options, const PlaneSigmaOptions& sigma,
+                              double sigma_px, const PlaneModel& model,
+                              const BundleProblem& problem);
+
+/// Between two solves: if the measured heights vary by more than can be explained, weighs the
+/// heights and the ground's points more, so that the next solution comes nearer (their sigmas fall
+/// to a fifth at the most). Keypoints share errors that no noise model has (calibration, rolling
+/// shutter), so bundle adjustment is surer of its scale than it should be, by an unknown factor;
+/// how much the height of a camera on wheels varies is known.
+void StrengthenGround(const CameraHeightOptions& options, double excess, PlaneModel& model,
+                      BundleProblem& problem);
 
 /// Relative standard deviation of the cameras' heights over their ground planes; zero without any.
 double HeightSpread(const BundleProblem& problem);

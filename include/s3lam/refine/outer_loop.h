@@ -36,6 +36,7 @@ struct OuterIteration {
 };
 
 struct OuterLoopSettings {
+  double keypoint_sigma_px = 0.0;  // 0: measured.
   BundleSolverOptions solver;
   OutlierOptions outliers;
   IntrinsicsOptions intrinsics;
@@ -48,10 +49,11 @@ struct OuterLoopSettings {
   OuterLoopOptions outer;
 };
 
-/// Bundle adjustment without planes, again until the outliers settle. Logs one line per iteration.
-/// Throws std::runtime_error if a solve fails or, without having
-/// converged, improves nothing.
-std::vector<OuterIteration> AdjustPlain(const OuterLoopSettings& settings, BundleMap& map);
+/// Bundle adjustment without planes, again until the outliers settle. Sets solver.sigma_px, on
+/// which rest the outliers, the uncertainty of points and so what lies on a plane, to the
+/// keypoints' sigma as given or as measured. Logs one line per iteration. Throws std::runtime_error
+/// if a solve fails or, without having converged, improves nothing.
+std::vector<OuterIteration> AdjustPlain(OuterLoopSettings& settings, BundleMap& map);
 
 /// Bundle adjustment with planes, after AdjustPlain: update the planes, assign points to them,
 /// solve, drop outliers, again until next to nothing changes. The kappa of each class is taken from

@@ -2,11 +2,14 @@
 
 #include <Eigen/Core>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "s3lam/base/options.h"
 #include "s3lam/refine/problem_builder.h"
+#include "s3lam/robust/flat_cells.h"
+#include "s3lam/robust/plane_fit.h"
 #include "s3lam/scene/semantic_map.h"
 
 namespace s3lam {
@@ -33,6 +36,7 @@ struct MembershipOptions {
   double leave_sigma = 6.0;
   double extent_margin = 0.2;
   int min_points = 10;
+  FlatCellOptions cells;
 
   void Visit(OptionVisitor& v);
 };
@@ -77,6 +81,7 @@ struct PlaneModel {
   std::vector<Eigen::Matrix3d> covariances;  // See TriangulationCovariances.
   std::vector<double> kappa_of_class;        // Zero for classes without a plane.
   double median_depth = 0.0;                 // [map units]
+  double ground_strength = 1.0;              // Of the terms that tie cameras to the ground.
 };
 
 /// The planes of the semantic map, anchored at the centroid of their inliers, whose points the
@@ -98,6 +103,18 @@ void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& 
 /// Standard deviation of the distance of a point to its plane [map units].
 double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
                   const PlaneState& plane, int point);
+
+/// The chosen points with the uncertainty of their distance to the plane: of their triangulation
+/// and of the surface.
+std::vector<UncertainPoint> UncertainPoints(const PlaneSigmaOptions& options, double sigma_px,
+                                            const PlaneState& state,
+                                            const std::vector<int>& indices,
+                                            const PlaneModel& model, const BundleProblem& problem);
+
+/// A plane fitted to its members as they are; empty if they do not span one.
+std::optional<PlaneFit> FitMembers(const PlaneSigmaOptions& options, double sigma_px,
+                                   const PlaneState& state, const PlaneModel& model,
+                                   const BundleProblem& problem);
 
 /// Fits every plane in use (or only those that solves hold constant) to its members anew.
 void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, bool constant_only,

@@ -64,6 +64,11 @@ ObservationCounts SelectObservations(const OutlierOptions& options, double sigma
 /// First image in use as the fixed one, and the one farthest from it to hold the scale.
 Gauge ChooseGauge(const BundleProblem& problem);
 
+/// Standard deviation of a keypoint [px], from the median reprojection error of all observations,
+/// those not in use among them, since a choice by their error would make it too small; at least
+/// 0.1, so that exact data does not make it zero.
+double MeasureKeypointSigma(const BundleMap& map);
+
 /// Inverse of the Hessian of each point's reprojection errors with the poses held: the covariance
 /// of its triangulation [map units^2]; zero for a point that is not in use.
 std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& problem,
