@@ -1,7 +1,9 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <map>
+#include <opencv2/imgproc.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,9 +13,12 @@
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
+#include "s3lam/base/parallel.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
+#include "s3lam/io/ignore_masks.h"
+#include "s3lam/io/image_sequence.h"
 #include "s3lam/io/npy.h"
 #include "s3lam/io/panoptic_masks.h"
 #include "s3lam/io/semantic_map_io.h"
@@ -31,7 +36,8 @@ constexpr const char* kDescription =
     "Reads a COLMAP model (binary or text; descriptors.bin beside it if there), a folder of\n"
     "panoptic masks whose names match the images, and a class table (configs/classes/).\n"
     "Writes semantics.json (clusters, planes), distributions.npy (float32, points x classes, rows\n"
-    "as \"points\" of semantics.json), planes.ply, report.json, config.json, and the model "
+    "as \"points\" of semantics.json), planes.ply, points.ply, report.json, config.json, and the "
+    "model "
     "coloured\n"
     "by class and by cluster in model_by_class/ and model_by_cluster/.";
 
@@ -39,6 +45,11 @@ po::options_description Arguments() {
   po::options_description description("s3-lift");
   auto add = description.add_options();
   add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model");
+  add("sequence", po::value<std::string>()->value_name("DIR"),
+      "instead of a model: write what to ignore in its images, for s3-slam --ignore-masks or "
+      "COLMAP's --ImageReader.mask_path");
+  add("ignore-margin", po::value<int>()->default_value(3)->value_name("PX"),
+      "around what is ignored [mask px]");
   add("masks", po::value<std::string>()->value_name("DIR"), "panoptic masks");
   add("mask-format", po::value<std::string>()->default_value("auto"),
       "auto, coco, kitti-step, cityscapes, scannet, labels, label-divisor, segments, "
@@ -61,7 +72,7 @@ po::options_description Arguments() {
 /// The masks of a model's images.
 class MaskSource {
  public:
-  MaskSource(PanopticMasks masks, const Reconstruction& model) : masks_(std::move(masks)) {
+  MaskSource(const PanopticMasks& masks, const Reconstruction& model) : masks_(masks) {
     std::vector<std::string> names;
     std::vector<ImageId> ids;
     for (const auto& [id, image] : model.images) {
@@ -81,7 +92,7 @@ class MaskSource {
   }
 
  private:
-  PanopticMasks masks_;
+  const PanopticMasks& masks_;
   std::map<ImageId, size_t> mask_of_image_;
 };
 
@@ -146,6 +157,7 @@ void WriteResult(const Reconstruction& model, const LiftResult& result, const js
                  const json& report, const fs::path& directory) {
   WriteSemanticMap(result.map, directory);
   WritePlanesPly(result.map, directory / "planes.ply");
+  WritePointsPly(result.map, model, directory / "points.ply");
   WriteColoredModel(ColorByClass(model, result.map), directory / "model_by_class");
   WriteColoredModel(ColorByCluster(model, result.map), directory / "model_by_cluster");
   if (result.confusion) {
@@ -189,7 +201,50 @@ std::optional<ConfusionMatrix> ReadConfusion(const std::string& path, const Clas
   return matrix;
 }
 
+/// Writes for every frame of a sequence that has a mask what to ignore in it.
+void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& common) {
+  const fs::path mask_path = Required(arguments, "masks");
+  const fs::path class_path = Required(arguments, "classes");
+  const MaskFormat format = ParseMaskFormat(arguments["mask-format"].as<std::string>());
+  const int margin_px = arguments["ignore-margin"].as<int>();
+  if (margin_px < 0) throw UsageError("--ignore-margin must not be negative");
+  const ImageSequence sequence =
+      OpenSequence(Required(arguments, "sequence"), SequenceFormat::kAuto);
+  OutputDirectory output(Required(arguments, "output"), common.overwrite);
+  const ClassTable table = ReadClassTable(class_path);
+  const PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
+  std::vector<std::string> names;
+  for (const SequenceFrame& frame : sequence.frames) names.push_back(frame.name);
+  const auto matches = MatchMasksToImages(names, masks.names());
+  std::vector<double> ignored(names.size(), -1.0);  // Share of the pixels; negative without mask.
+  ParallelFor(names.size(), common.threads, [&](size_t i) {
+    if (!matches[i]) return;
+    cv::Mat mask = MakeIgnoreMask(masks.Read(*matches[i]), table, margin_px);
+    if (sequence.camera) {
+      const cv::Size size(sequence.camera->width, sequence.camera->height);
+      cv::resize(mask, mask, size, 0.0, 0.0, cv::INTER_NEAREST);
+    }
+    ignored[i] = 1.0 - cv::countNonZero(mask) / static_cast<double>(mask.total());
+    WriteIgnoreMask(mask, output.path(), names[i]);
+  });
+  const auto count = std::count_if(ignored.begin(), ignored.end(), [](double x) { return x >= 0; });
+  if (count == 0) ThrowInputError("{}: no mask fits an image", mask_path.string());
+  double sum = 0.0;
+  for (const double share : ignored) sum += std::max(0.0, share);
+  const double mean = sum / static_cast<double>(count);
+  output.Commit();
+  PrintReport(common,
+              fmt::format("{} of {} frames, {:.1f} % of their pixels ignored\n", count,
+                          names.size(), 100.0 * mean),
+              {{"frames", names.size()}, {"frames_with_mask", count}, {"ignored_share", mean}});
+}
+
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
+  if (arguments.count("sequence") > 0) {
+    if (arguments.count("model") > 0) throw UsageError("--sequence and --model exclude each other");
+    RunIgnoreMasks(arguments, common);
+    return;
+  }
   LiftOptions options = LoadOptions<LiftOptions>(common);
   options.num_threads = common.threads;
   options.seed = common.seed;
@@ -208,10 +263,10 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   if (fs::exists(model_path / "descriptors.bin")) {
     descriptors = ReadDescriptors(model_path / "descriptors.bin");
   }
-  PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
+  const PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
-  const MaskSource source(std::move(masks), model);
+  const MaskSource source(masks, model);
 
   const LiftResult result = LiftSemantics(
       model, table, [&](const Image& image) { return source.Read(image); }, descriptors, options);

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
 
@@ -13,6 +14,7 @@
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
 #include "s3lam/io/frame_observations.h"
+#include "s3lam/io/ignore_masks.h"
 #include "s3lam/io/image_sequence.h"
 #include "s3lam/io/trajectory.h"
 #include "s3lam/slam/pipeline.h"
@@ -60,7 +62,8 @@ ImageSequence Open(const po::variables_map& arguments) {
   return sequence;
 }
 
-slam::Input MakeInput(const ImageSequence& sequence, const FrameReader& reader) {
+slam::Input MakeInput(const ImageSequence& sequence, const FrameReader& reader,
+                      const std::filesystem::path& ignore_masks) {
   slam::Input input;
   input.camera = *sequence.camera;
   for (const SequenceFrame& frame : sequence.frames) {
@@ -69,6 +72,12 @@ slam::Input MakeInput(const ImageSequence& sequence, const FrameReader& reader) 
   }
   input.read_gray = [&reader](size_t i) { return reader.ReadGray(i); };
   input.read_color = [&reader](size_t i) { return reader.Read(i); };
+  if (!ignore_masks.empty()) {
+    const cv::Size size(input.camera.width, input.camera.height);
+    input.read_mask = [&sequence, ignore_masks, size](size_t i) {
+      return ReadIgnoreMask(ignore_masks, sequence.frames[i].name, size);
+    };
+  }
   input.concurrent_reads = reader.IsThreadSafe();
   return input;
 }
@@ -81,6 +90,22 @@ void WriteModel(const slam::Model& model, const ImageSequence& sequence,
   WriteTumTrajectory(model.frames, directory / "frames.txt");
   WriteDescriptors(model.descriptors, directory / "descriptors.bin");
   WriteFrameObservations(model.observations, directory / "observations.bin");
+}
+
+/// The folder given; throws unless some frame has a mask in it.
+std::filesystem::path CheckIgnoreMasks(const po::variables_map& arguments,
+                                       const ImageSequence& sequence) {
+  if (arguments.count("ignore-masks") == 0) return {};
+  const std::filesystem::path directory = arguments["ignore-masks"].as<std::string>();
+  const auto count = std::count_if(
+      sequence.frames.begin(), sequence.frames.end(),
+      [&](const SequenceFrame& frame) { return HasIgnoreMask(directory, frame.name); });
+  if (count == 0) {
+    ThrowInputError("{}: no mask of any frame in it, such as {}.png", directory.string(),
+                    sequence.frames.front().name);
+  }
+  spdlog::info("{} of {} frames have a mask of what to ignore", count, sequence.frames.size());
+  return directory;
 }
 
 /// The largest map lies in the folder itself, others in folders 1, 2, ... of it.
@@ -128,12 +153,13 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   auto options = LoadOptions<slam::Options>(common);
   options.num_threads = common.threads;
   const ImageSequence sequence = Open(arguments);
+  const std::filesystem::path ignore_masks = CheckIgnoreMasks(arguments, sequence);
   OutputDirectory directory(output, common.overwrite);
   spdlog::info("{} frames, camera {} {} x {}", sequence.frames.size(),
                CameraModelName(sequence.camera->model), sequence.camera->width,
                sequence.camera->height);
   const FrameReader reader(sequence);
-  const slam::Result result = slam::Run(options, MakeInput(sequence, reader));
+  const slam::Result result = slam::Run(options, MakeInput(sequence, reader, ignore_masks));
   nlohmann::json report = ToJson(result.report);
   report["program"] = "s3-slam";
   report["version"] = Version();
@@ -160,6 +186,8 @@ int main(int argc, char** argv) {
   add("camera", po::value<std::string>()->value_name("FILE"),
       "camera.json, or a name such as tum_fr1");
   add("frames", po::value<std::string>()->value_name("A:B:STEP"), "use only these frames");
+  add("ignore-masks", po::value<std::string>()->value_name("DIR"),
+      "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift");
   add("output", po::value<std::string>()->value_name("DIR"), "where the result goes");
   SetConfiguration(s3lam::slam::Options{}, program);
   program.run = RunSlam;

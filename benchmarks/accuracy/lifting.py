@@ -3,11 +3,13 @@
 
 The truth files only judge; they are never an input of s3-lift. Needs numpy and Pillow.
 
-  lifting.py --data DIR --bin DIR --output DIR [--redkitchen-model DIR] [--kitti-model DIR]
+  lifting.py --data DIR --bin DIR --output DIR [--parts redkitchen kitti07 synthetic cameras cost]
+             [--redkitchen-models DIR...] [--kitti-models DIR...]
 """
 import argparse
 import json
 import pathlib
+import shutil
 import struct
 import subprocess
 import sys
@@ -90,32 +92,44 @@ def frame_number(name):
     return int("".join(c for c in pathlib.Path(name).name.split(".")[0] if c.isdigit()))
 
 
-# ---- truth of redkitchen ---------------------------------------------------------------------------
+# ---- truth ---------------------------------------------------------------------------------------
 
 
-class KitchenTruth:
-    """True class and object of every point, from the clean masks at the point's keypoints."""
+class Truth:
+    """True class and object of every point, from the clean masks at the point's keypoints.
 
-    def __init__(self, folder, images, points):
+    `folder` is redkitchen or what s3-synth wrote; `world` says which of its planes are meant ("sfm"
+    or "gt"), and `rate_hz` how frame numbers become times (None: they count the trajectory's lines).
+    """
+
+    def __init__(self, folder, images, points, world="sfm", trajectory="trajectory_colour_sfm.txt",
+                 rate_hz=30.0, classes="coco.json"):
+        self.world = world
         self.objects = {o["id"]: o for o in json.loads((folder / "objects.json").read_text())
                         ["objects"]}
         frames = json.loads((folder / "truth_clean.json").read_text())["frames"]
-        document = json.loads((folder / "panoptic_clean.json").read_text())
-        self.things = {c["id"] for c in document["categories"] if c["isthing"]}
-        trajectory = read_tum(folder / "trajectory_colour_sfm.txt")
-        centres, truth = camera_centres(images, trajectory, 30.0)
+        table = json.loads((REPOSITORY / "configs" / "classes" / classes).read_text())
+        self.things = {c["id"] for c in table["classes"] if c["thing"]}
+        centres, truth = camera_centres(images, read_tum(folder / trajectory), rate_hz)
         self.alignment = align(truth, centres)
         scale, turn, shift = self.alignment
         self.alignment_rms = np.sqrt(
             ((scale * centres @ turn.T + shift - truth) ** 2).sum(1).mean())
         self.xyz = {i: scale * turn @ x + shift for i, x in points.items()}
-        self._vote(folder, frames, images)
+        masks = next(folder / name for name in ("panoptic_clean", "panoptic")
+                     if (folder / name).is_dir())
+        self._vote(masks, {frame_number(name): name for name in frames}, frames, images)
 
-    def _vote(self, folder, frames, images):
+    def plane(self, object_id):
+        """Normal and offset; None for an object that is not flat."""
+        plane = self.objects.get(object_id, {}).get(f"plane_{self.world}")
+        return (np.array(plane["n"]), plane["d"]) if plane else None
+
+    def _vote(self, masks, mask_of_frame, frames, images):
         votes = {}
         for name, _, _, keypoints, ids in images.values():
-            file = "frame-%06d.png" % frame_number(name)
-            pixels = np.asarray(Image.open(folder / "panoptic_clean" / file)).astype(np.int64)
+            file = mask_of_frame[frame_number(name)]
+            pixels = np.asarray(Image.open(masks / file)).astype(np.int64)
             segment_ids = pixels[..., 0] + 256 * pixels[..., 1] + 65536 * pixels[..., 2]
             height, width = segment_ids.shape
             for (x, y), point in zip(keypoints, ids):
@@ -142,15 +156,14 @@ class KitchenTruth:
         """A stuff segment may span several planar objects: take the one whose plane is nearest."""
         if info["category_id"] in self.things or len(info["objects"]) < 2:
             return info["object"]
-        candidates = [int(i) for i in info["objects"] if int(i) in self.objects and
-                      "plane_sfm" in self.objects[int(i)]]
+        candidates = [int(i) for i in info["objects"] if self.plane(int(i))]
         if not candidates:
             return info["object"]
         return min(candidates, key=lambda i: abs(self._distance(i, self.xyz[point])))
 
     def _distance(self, object_id, x):
-        plane = self.objects[object_id]["plane_sfm"]
-        return np.dot(plane["n"], x) + plane["d"]
+        normal, offset = self.plane(object_id)
+        return normal @ x + offset
 
 
 # ---- measures --------------------------------------------------------------------------------------
@@ -242,8 +255,9 @@ def plane_measures(lifted, truth):
         row = {"object": info["name"], "points": len(points), "inliers": count}
         if count >= len(points) / 4:
             normal, offset = plane_in_truth(lifted.planes[-index], truth.alignment)
-            true_normal, true_offset = np.array(info["plane_sfm"]["n"]), info["plane_sfm"]["d"]
-            centre = np.array(info["centroid_sfm"])
+            true_normal, true_offset = truth.plane(object_id)
+            centre = np.array(info.get(f"centroid_{truth.world}") or
+                              np.mean([truth.xyz[p] for p in points], axis=0))
             centre = centre - (true_normal @ centre + true_offset) * true_normal
             row["normal_deg"] = float(np.degrees(np.arccos(np.clip(
                 abs(normal @ true_normal), 0, 1))))
@@ -309,6 +323,7 @@ ARMS = {
     "consensus": ["instances=consensus"],
     "paper's Bayes": ["fusion.use_scores=false", "fusion.drop_border=false", "fusion.tempering=0"],
     "majority": ["fusion.method=majority"],
+    "confusion": ["fusion.confusion=estimated"],
 }
 
 
@@ -323,34 +338,193 @@ def lift(binary, model, masks, classes, output, settings):
     return Lifted(output), time.monotonic() - start
 
 
+HEADER = ("class %", "final %", "ECE", "purity", "complete", "per object", "missed", "planes", "deg",
+          "cm", "parallel", "wrong", "s")
+
+
+def measure(lifted, truth, seconds):
+    return {**class_measures(lifted, truth), **instance_measures(lifted, truth),
+            **plane_measures(lifted, truth), "seconds": seconds}
+
+
+def print_row(label, measured):
+    print(("{:<32}{:>10.2f}{:>10.2f}" + "{:>10.3f}" * 3 + "{:>10.2f}{:>10}{:>10}"
+           "{:>10.2f}{:>10.2f}{:>10.2f}{:>10}{:>10.2f}").format(
+        label, 100 * measured["point accuracy"], 100 * measured["final accuracy"],
+        measured["calibration error"], measured["purity"], measured["completeness"],
+        measured["clusters per object"], len(measured["missed objects"]),
+        f"{measured['planes found']}/{measured['planes due']}", measured["normal deg (median)"],
+        measured["offset cm (median)"], measured["horizontal planes apart deg (max)"],
+        len(measured["wrong planes"]), measured["seconds"]), flush=True)
+
+
+def print_header():
+    print(("{:<32}" + "{:>10}" * len(HEADER)).format("", *HEADER))
+
+
 def run_kitchen(arguments, results):
     folder = arguments.data / "redkitchen"
-    model = arguments.redkitchen_model or folder / "colmap_model"
+    for model in arguments.redkitchen_models or [folder / "colmap_model"]:
+        images, points = read_model(model)
+        truth = Truth(folder, images, points)
+        print(f"\nredkitchen, {model.name}: {len(images)} images, {len(points)} points, "
+              f"camera centres within {1000 * truth.alignment_rms:.1f} mm RMS")
+        print_header()
+        for masks in ("clean", "noisy"):
+            for arm in arguments.arms:
+                lifted, seconds = lift(arguments.bin / "s3-lift", model,
+                                       folder / f"panoptic_{masks}", "coco.json",
+                                       arguments.output / "lift", ARMS[arm] + arguments.settings)
+                measured = measure(lifted, truth, seconds)
+                results[f"redkitchen {model.name} {masks} {arm}"] = measured
+                print_row(f"{masks} {arm}", measured)
+            print_planes(results[f"redkitchen {model.name} {masks} {arguments.arms[0]}"])
+
+
+# ---- synthetic scenes ------------------------------------------------------------------------------
+
+
+def run_program(binary, *arguments):
+    subprocess.run([str(binary), *map(str, arguments), "--overwrite", "--quiet", "--progress",
+                    "none"], check=True, stdout=subprocess.DEVNULL)
+
+
+def run_synthetic(arguments, results):
+    """Every scene and seed at every level of corruption, on the model that s3-slam makes of it."""
+    print("\nsynthetic scenes: masks corrupted by 0 (exact) to 0.4 (hardly usable)")
+    print_header()
+    for scene in arguments.scenes:
+        rows = {}
+        for seed in arguments.seeds:
+            folder = arguments.output / f"{scene}_{seed}"
+            for level in arguments.levels:
+                run_program(arguments.bin / "s3-synth", "--scene", scene, "--seed", seed,
+                            "--mask-corruption", level, "--output", folder)
+                model = arguments.output / f"{scene}_{seed}_slam"
+                if not model.is_dir():
+                    run_program(arguments.bin / "s3-slam", "--sequence", folder, "--output", model)
+                for arm in ("default", "iou"):
+                    measured = measure_synthetic(arguments, scene, folder, model, arm)
+                    results[f"{scene} {seed} {level} {arm}"] = measured
+                    rows.setdefault((level, arm), []).append(measured)
+            shutil.rmtree(folder)
+        for (level, arm), measured in rows.items():
+            print_row(f"{scene} {level:.2f} {arm} ({len(measured)} seeds)", average(measured))
+
+
+def measure_synthetic(arguments, scene, folder, model, arm):
+    is_drive = (folder / "panoptic").is_dir()
+    classes = "cityscapes.json" if is_drive else "coco.json"
     images, points = read_model(model)
-    truth = KitchenTruth(folder, images, points)
-    print(f"redkitchen: {len(images)} images, {len(points)} points, "
-          f"camera centres within {1000 * truth.alignment_rms:.1f} mm RMS")
-    header = ("masks", "arm", "class %", "final %", "ECE", "purity", "complete", "per object",
-              "missed", "planes", "deg", "cm", "parallel", "wrong", "s")
-    print(("{:<7}{:<15}" + "{:>10}" * 13).format(*header))
-    for masks in ("clean", "noisy"):
-        for arm in arguments.arms:
-            lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / f"panoptic_{masks}",
-                                   "coco.json", arguments.output / "lift",
-                                   ARMS[arm] + arguments.settings)
-            measured = {**class_measures(lifted, truth), **instance_measures(lifted, truth),
-                        **plane_measures(lifted, truth), "seconds": seconds}
-            results[f"redkitchen {masks} {arm}"] = measured
-            print(("{:<7}{:<15}{:>10.2f}{:>10.2f}" + "{:>10.3f}" * 3 + "{:>10.2f}{:>10}{:>10}"
-                   "{:>10.2f}{:>10.2f}{:>10.2f}{:>10}{:>10.2f}").format(
-                masks, arm, 100 * measured["point accuracy"], 100 * measured["final accuracy"],
-                measured["calibration error"], measured["purity"], measured["completeness"],
-                measured["clusters per object"], len(measured["missed objects"]),
-                f"{measured['planes found']}/{measured['planes due']}",
-                measured["normal deg (median)"], measured["offset cm (median)"],
-                measured["horizontal planes apart deg (max)"], len(measured["wrong planes"]),
-                seconds))
-        print_planes(results[f"redkitchen {masks} {arguments.arms[0]}"])
+    truth = Truth(folder, images, points, "gt", "groundtruth.txt", None, classes)
+    masks = "panoptic_noisy"
+    lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / masks, classes,
+                           arguments.output / "lift", ARMS[arm] + arguments.settings)
+    return measure(lifted, truth, seconds)
+
+
+def average(rows):
+    """Means over seeds; lists are put one behind the other, counts of planes added."""
+    result = {}
+    for key, value in rows[0].items():
+        values = [row[key] for row in rows]
+        if isinstance(value, list):
+            result[key] = sum(values, [])
+        elif key in ("planes due", "planes found"):
+            result[key] = sum(values)
+        elif isinstance(value, (int, float)):
+            known = [v for v in values if not np.isnan(v)]
+            result[key] = float(np.mean(known)) if known else float("nan")
+    return result
+
+
+# ---- other models ----------------------------------------------------------------------------------
+
+
+def split_into_cameras(model, masks, output, num_cameras=2):
+    """The same model and masks with the images dealt out to cameras of their own in sub-folders."""
+    (output / "model").mkdir(parents=True, exist_ok=True)
+    shutil.copy(model / "points3D.bin", output / "model")
+    cameras = (model / "cameras.bin").read_bytes()
+    assert struct.unpack_from("<Q", cameras) == (1,), "one camera expected"
+    (output / "model" / "cameras.bin").write_bytes(struct.pack("<Q", num_cameras) + b"".join(
+        struct.pack("<I", i + 1) + cameras[12:] for i in range(num_cameras)))
+    data = (model / "images.bin").read_bytes()
+    (count,) = struct.unpack_from("<Q", data)
+    offset, records, folder_of = 8, [struct.pack("<Q", count)], {}
+    for i in range(count):
+        end = data.index(b"\0", offset + 64)
+        (num,) = struct.unpack_from("<Q", data, end + 1)
+        next_offset = end + 9 + 24 * num
+        name = pathlib.Path(data[offset + 64:end].decode()).name
+        folder = f"cam{i % num_cameras}"
+        folder_of[frame_number(name)] = folder
+        records.append(data[offset:offset + 60] + struct.pack("<I", i % num_cameras + 1) +
+                       f"{folder}/{name}".encode() + data[end:next_offset])
+        offset = next_offset
+    (output / "model" / "images.bin").write_bytes(b"".join(records))
+    document = json.loads(masks.with_suffix(".json").read_text())
+    kept = []
+    for annotation in document["annotations"]:
+        folder = folder_of.get(frame_number(annotation["file_name"]))
+        if folder is None:
+            continue
+        (output / "masks" / folder).mkdir(parents=True, exist_ok=True)
+        shutil.copy(masks / annotation["file_name"], output / "masks" / folder)
+        kept.append({**annotation, "file_name": f"{folder}/{annotation['file_name']}"})
+    (output / "masks.json").write_text(json.dumps({"annotations": kept}))
+
+
+def run_cameras(arguments, results):
+    """A model of two cameras in sub-folders must give what the same model of one camera gives."""
+    folder, model = arguments.output / "cameras_scene", arguments.output / "cameras_slam"
+    run_program(arguments.bin / "s3-synth", "--scene", "desk", "--output", folder)
+    run_program(arguments.bin / "s3-slam", "--sequence", folder, "--output", model)
+    output = arguments.output / "cameras"
+    split_into_cameras(model, folder / "panoptic_noisy", output)
+    print("\ntwo cameras in sub-folders (desk, noisy)")
+    print_header()
+    for label, one_model, masks in (("one camera", model, folder / "panoptic_noisy"),
+                                    ("two cameras", output / "model", output / "masks")):
+        images, points = read_model(one_model)
+        truth = Truth(folder, images, points, "gt", "groundtruth.txt", None)
+        lifted, seconds = lift(arguments.bin / "s3-lift", one_model, masks, "coco.json",
+                               arguments.output / "lift", [])
+        results[label] = measure(lifted, truth, seconds)
+        print_row(label, results[label])
+        run_program(arguments.bin / "s3-refine", "--model", one_model, "--semantics",
+                    arguments.output / "lift", "--output", arguments.output / "refine")
+
+
+# ---- cost ------------------------------------------------------------------------------------------
+
+
+def run_cost(arguments, results):
+    """Wall time of s3-lift over that of a program that only decodes the same masks, and its memory
+    with half and with all of the images; alternately, the median of each."""
+    folder = arguments.data / "redkitchen"
+    model = (arguments.redkitchen_models or [folder / "colmap_model"])[0]
+    images, _ = read_model(model)
+    masks = [folder / "panoptic_noisy" / ("frame-%06d.png" % frame_number(i[0]))
+             for i in images.values()]
+    list_file = arguments.output / "masks.txt"
+    list_file.write_text("".join(f"{m}\n" for m in masks))
+    times = {"decode": [], "lift": []}
+    for _ in range(arguments.repeats):
+        start = time.monotonic()
+        subprocess.run([arguments.bin / "s3-decode-masks", list_file], check=True,
+                       stdout=subprocess.DEVNULL)
+        times["decode"].append(time.monotonic() - start)
+        lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / "panoptic_noisy",
+                               "coco.json", arguments.output / "lift", arguments.settings)
+        times["lift"].append(seconds)
+    decode, whole = np.median(times["decode"]), np.median(times["lift"])
+    report = json.loads((arguments.output / "lift" / "report.json").read_text())
+    print(f"\ncost: {len(masks)} masks decoded in {decode:.2f} s, s3-lift {whole:.2f} s "
+          f"({whole / decode:.2f} times), steps {report['seconds']}, "
+          f"{report['peak_memory_mib']:.0f} MiB")
+    results["cost"] = {"decode s": decode, "lift s": whole, "ratio": whole / decode,
+                       "steps": report["seconds"], "peak MiB": report["peak_memory_mib"]}
 
 
 def print_planes(measured):
@@ -362,35 +536,52 @@ def print_planes(measured):
 
 def run_kitti(arguments, results):
     folder = arguments.data / "kitti07"
-    model = arguments.kitti_model or folder / "colmap_model"
+    for model in arguments.kitti_models or [folder / "colmap_model"]:
+        run_kitti_model(arguments, results, folder, model)
+
+
+def run_kitti_model(arguments, results, folder, model):
     images, points = read_model(model)
     trajectory = read_tum(folder / "groundtruth.txt")
-    print(f"\nkitti07: {len(images)} images, {len(points)} points")
+    print(f"\nkitti07, {model.name}: {len(images)} images, {len(points)} points")
     for masks in ("panoptic", "panoptic_noisy"):
         lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / masks, "cityscapes.json",
                                arguments.output / "lift", arguments.settings)
         measured = road_measures(lifted, images, points, trajectory)
-        results[f"kitti07 {masks}"] = {**measured, "seconds": seconds}
+        results[f"kitti07 {model.name} {masks}"] = {**measured, "seconds": seconds}
         print(f"{masks:<16}camera height {measured['camera height m (median)']:.3f} m, "
               f"{measured['height error %']:.1f} % off; {measured['road planes']} road planes, "
               f"{measured['cameras above a road']} cameras, {seconds:.2f} s")
 
 
+PARTS = {"redkitchen": run_kitchen, "kitti07": run_kitti, "synthetic": run_synthetic,
+         "cameras": run_cameras, "cost": run_cost}
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=pathlib.Path, required=True)
     parser.add_argument("--bin", type=pathlib.Path, required=True)
     parser.add_argument("--output", type=pathlib.Path, required=True)
-    parser.add_argument("--redkitchen-model", type=pathlib.Path)
-    parser.add_argument("--kitti-model", type=pathlib.Path)
+    parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
+    parser.add_argument("--redkitchen-models", type=pathlib.Path, nargs="+",
+                        help="default: the colmap_model beside the sequence")
+    parser.add_argument("--kitti-models", type=pathlib.Path, nargs="+")
     parser.add_argument("--arms", nargs="+", choices=list(ARMS), default=list(ARMS))
+    parser.add_argument("--scenes", nargs="+",
+                        default=["desk", "floor", "posters", "room", "street"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
+    parser.add_argument("--levels", nargs="+", type=float,
+                        default=[0.0, 0.1, 0.15, 0.2, 0.3, 0.4])
+    parser.add_argument("--repeats", type=int, default=5, help="of the timing")
     parser.add_argument("--set", action="append", default=[], dest="settings",
                         metavar="KEY.PATH=VALUE", help="for s3-lift, on top of every arm")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     results = {}
-    run_kitchen(arguments, results)
-    run_kitti(arguments, results)
+    for part in arguments.parts:
+        PARTS[part](arguments, results)
     (arguments.output / "lifting.json").write_text(json.dumps(results, indent=1) + "\n")
     return 0
 

@@ -61,10 +61,12 @@ Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& c
 /// certain than they claim first comes apart into parallel layers.
 void JoinLayers(const Candidates& candidates, const PlaneOptions& options,
                 std::vector<PlaneFit>& fits) {
-  const double max_angle = options.merge_angle_deg * std::numbers::pi / 180.0;
+  constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+  const JoinLimits apart{options.merge_angle_deg * kRadPerDeg, options.merge_sigmas};
+  const JoinLimits layered{options.layer_angle_deg * kRadPerDeg, options.layer_sigmas};
   for (size_t a = 0; a < fits.size(); ++a) {
     for (size_t b = a + 1; b < fits.size();) {
-      auto joint = JoinPlanes(candidates.points, fits[a], fits[b], max_angle, options.merge_sigmas);
+      auto joint = JoinPlanes(candidates.points, fits[a], fits[b], apart, layered);
       if (!joint) {
         ++b;
         continue;
@@ -228,6 +230,11 @@ void PlaneOptions::Visit(OptionVisitor& v) {
   v.Value("merge_angle_deg", merge_angle_deg,
           "Planes of a cluster are joined within this angle ...", 0.0, 90.0);
   v.Value("merge_sigmas", merge_sigmas,
+          "... if their points then scatter by less than this [standard deviations].", 0.0);
+  v.Value("layer_angle_deg", layer_angle_deg,
+          "Planes of a cluster that lie over each other are joined within this angle ...", 0.0,
+          90.0);
+  v.Value("layer_sigmas", layer_sigmas,
           "... if their points then scatter by less than this [standard deviations].", 0.0);
   v.Value("orientation_deg", orientation_deg,
           "Planes of classes that are horizontal or vertical by nature are so within this [deg].",

@@ -5,7 +5,45 @@
 #include <map>
 #include <utility>
 
+#include "s3lam/semantics/plane_fitting.h"
+
 namespace s3lam {
+namespace {
+
+/// Counter-clockwise hull of the inliers of a fit, in its plane.
+std::vector<Eigen::Vector2d> Outline(std::span<const UncertainPoint> points, const PlaneFit& fit) {
+  std::vector<Eigen::Vector2d> outline;
+  for (const size_t i : fit.inliers) {
+    const Eigen::Vector3d d = points[i].xyz - fit.centroid;
+    outline.emplace_back(fit.axis_u.dot(d), fit.axis_v.dot(d));
+  }
+  return ConvexHull(std::move(outline));
+}
+
+bool IsInside(const std::vector<Eigen::Vector2d>& hull, const Eigen::Vector2d& x) {
+  for (size_t i = 0; i < hull.size(); ++i) {
+    const Eigen::Vector2d side = hull[(i + 1) % hull.size()] - hull[i];
+    const Eigen::Vector2d d = x - hull[i];
+    if (side.x() * d.y() - side.y() * d.x() < 0.0) return false;
+  }
+  return true;
+}
+
+/// True if most inliers of the smaller of two planes lie, seen along the normal of the larger one,
+/// within that one's outline.
+bool LieOverEachOther(std::span<const UncertainPoint> points, const PlaneFit& a,
+                      const PlaneFit& b) {
+  const PlaneFit& large = a.inliers.size() >= b.inliers.size() ? a : b;
+  const PlaneFit& small = a.inliers.size() >= b.inliers.size() ? b : a;
+  const std::vector<Eigen::Vector2d> hull = Outline(points, large);
+  const auto inside = std::count_if(small.inliers.begin(), small.inliers.end(), [&](size_t i) {
+    const Eigen::Vector3d d = points[i].xyz - large.centroid;
+    return IsInside(hull, {large.axis_u.dot(d), large.axis_v.dot(d)});
+  });
+  return 2 * static_cast<size_t>(inside) > small.inliers.size();
+}
+
+}  // namespace
 
 std::vector<size_t> LargestPatch(std::span<const UncertainPoint> points, const PlaneFit& fit,
                                  double max_gap) {
@@ -39,13 +77,17 @@ std::vector<size_t> LargestPatch(std::span<const UncertainPoint> points, const P
 }
 
 std::optional<PlaneFit> JoinPlanes(std::span<const UncertainPoint> points, const PlaneFit& a,
-                                   const PlaneFit& b, double max_angle, double max_sigmas) {
-  if (PlaneAngle(a.plane, b.plane) > max_angle) return std::nullopt;
+                                   const PlaneFit& b, const JoinLimits& apart,
+                                   const JoinLimits& layered) {
+  const double angle = PlaneAngle(a.plane, b.plane);
+  if (angle > std::max(apart.max_angle, layered.max_angle)) return std::nullopt;
+  const JoinLimits& limits = LieOverEachOther(points, a, b) ? layered : apart;
+  if (angle > limits.max_angle) return std::nullopt;
   std::vector<size_t> both;
   std::set_union(a.inliers.begin(), a.inliers.end(), b.inliers.begin(), b.inliers.end(),
                  std::back_inserter(both));
   std::optional<PlaneFit> joint = FitPlane(points, both);
-  if (!joint || joint->rms_sigma > max_sigmas) return std::nullopt;
+  if (!joint || joint->rms_sigma > limits.max_sigmas) return std::nullopt;
   return joint;
 }
 

@@ -14,10 +14,19 @@ namespace s3lam {
 std::vector<size_t> LargestPatch(std::span<const UncertainPoint> points, const PlaneFit& fit,
                                  double max_gap);
 
-/// The plane through both sets of inliers, if the two are one surface within their noise: normals
-/// within `max_angle` [rad], and the joint inliers scatter by less than `max_sigmas` of their own
-/// standard deviations. Indices refer to `points`.
+/// When two patches are one surface: normals within `max_angle` [rad], and the joint inliers
+/// scatter by less than `max_sigmas` of their own standard deviations.
+struct JoinLimits {
+  double max_angle = 0.0;
+  double max_sigmas = 0.0;
+};
+
+/// The plane through both sets of inliers, if the two are one surface. Where one lies over the
+/// other, `layered` decides in place of `apart`: of two opaque surfaces the cameras would see one
+/// only, so nearly parallel layers are one surface whose points are less certain than they claim.
+/// Indices refer to `points`.
 std::optional<PlaneFit> JoinPlanes(std::span<const UncertainPoint> points, const PlaneFit& a,
-                                   const PlaneFit& b, double max_angle, double max_sigmas);
+                                   const PlaneFit& b, const JoinLimits& apart,
+                                   const JoinLimits& layered);
 
 }  // namespace s3lam

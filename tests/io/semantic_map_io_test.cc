@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstring>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -94,6 +95,32 @@ TEST(SemanticMapIo, RoundTrip) {
   EXPECT_EQ(plane.rms, expected.rms);
   EXPECT_EQ(plane.rms_sigma, expected.rms_sigma);
   EXPECT_EQ(plane.covariance, expected.covariance);
+}
+
+TEST(SemanticMapIo, PointsPlyHasARecordForEveryPoint) {
+  const TempDir dir;
+  const SemanticMap map = MakeMap();
+  Reconstruction model;
+  for (const PointId id : map.points) model.points[id].xyz = {1.0, 2.0, 3.0};
+  model.points[PointId(999)];  // Without any label.
+  WritePointsPly(map, model, dir / "points.ply");
+  const std::string ply = FileBytes(dir / "points.ply");
+  EXPECT_THAT(ply, HasSubstr("element vertex " + std::to_string(model.points.size()) + "\n"));
+  const std::string end = "end_header\n";
+  const size_t begin = ply.find(end) + end.size();
+  constexpr size_t kRecord = 3 * 8 + 3 + 4 * 4 + 4 * 4 + 4 + 1;
+  ASSERT_EQ(ply.size() - begin, kRecord * model.points.size());
+  const auto field = [&](size_t record, size_t offset) {
+    int32_t value = 0;
+    std::memcpy(&value, ply.data() + begin + record * kRecord + offset, sizeof(value));
+    return value;
+  };
+  // class_id, instance, cluster, plane of the first point, and class_id of the one without any.
+  EXPECT_EQ(field(0, 27), 3);
+  EXPECT_EQ(field(0, 31), 0);
+  EXPECT_EQ(field(0, 35), 1);
+  EXPECT_EQ(field(0, 39), 7);
+  EXPECT_EQ(field(2, 27), -1);
 }
 
 TEST(SemanticMapIo, EmptyMapRoundTrip) {

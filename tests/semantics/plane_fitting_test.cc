@@ -75,6 +75,22 @@ TEST(FitPlanes, FindsSeveralPlanesInACluster) {
               90.0 * kDegree, 0.5 * kDegree);
 }
 
+TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
+  Reconstruction scene = FlatScene(600);
+  Rng rng(5);
+  // Far less certain than their observations claim, as if poses were off.
+  for (auto& [id, point] : scene.points) point.xyz.z() += rng.Gaussian(0.0, 0.05);
+  SemanticMap map = OneCluster(scene, true);
+  PlaneOptions options;
+  FitPlanes(scene, options, 0, 1, map);
+  ASSERT_EQ(map.planes.size(), 1U);
+  EXPECT_GT(map.planes.begin()->second.plane_in_world.normal.z(), std::cos(1.0 * kDegree));
+  options.layer_sigmas = options.merge_sigmas;
+  options.layer_angle_deg = options.merge_angle_deg;
+  FitPlanes(scene, options, 0, 1, map);
+  EXPECT_GT(map.planes.size(), 1U);
+}
+
 TEST(FitPlanes, GivesClassesThatAreNotPlanarNone) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, false);

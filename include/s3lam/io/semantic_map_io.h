@@ -20,4 +20,14 @@ SemanticMap ReadSemanticMap(const std::filesystem::path& directory);
 /// planes.ply: each plane's extent as a coloured polygon with its normal.
 void WritePlanesPly(const SemanticMap& map, const std::filesystem::path& path);
 
+/// points.ply (binary): every point of the model in the colour of its class, with
+///   class_id, cluster, plane     -1 for none
+///   instance                     number of the object within its class, from 1; 0 for stuff
+///   plane_distance               signed, to its plane [map units]; NaN without one
+///   probability, margin, entropy of the best class, its lead over the second, in bits
+///   observations                 masks it was seen in
+///   dynamic                      1 if its class may move
+void WritePointsPly(const SemanticMap& map, const Reconstruction& reconstruction,
+                    const std::filesystem::path& path);
+
 }  // namespace s3lam

@@ -17,6 +17,8 @@ struct PlaneOptions {
   double max_gap = 0.5;
   double merge_angle_deg = 5.0;
   double merge_sigmas = 2.0;
+  double layer_angle_deg = 10.0;
+  double layer_sigmas = 4.0;
   double orientation_deg = 15.0;
   int max_planes_per_cluster = 12;
   double min_cluster_share = 0.02;
