@@ -59,12 +59,13 @@ Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& c
 
 /// Joins planes of a cluster that are one surface, until none are. A surface whose points are less
 /// certain than they claim first comes apart into parallel layers.
-void JoinLayers(const Candidates& candidates, const PlaneOptions& options,
+void JoinLayers(const Candidates& candidates, const PlaneOptions& options, std::vector<size_t> rest,
                 std::vector<PlaneFit>& fits) {
   constexpr double kRadPerDeg = std::numbers::pi / 180.0;
   const JoinLimits apart{options.merge_angle_deg * kRadPerDeg, options.merge_sigmas};
   const JoinLimits layered{options.layer_angle_deg * kRadPerDeg, options.layer_sigmas};
   for (size_t a = 0; a < fits.size(); ++a) {
+    bool has_grown = false;
     for (size_t b = a + 1; b < fits.size();) {
       auto joint = JoinPlanes(candidates.points, fits[a], fits[b], apart, layered);
       if (!joint) {
@@ -73,8 +74,15 @@ void JoinLayers(const Candidates& candidates, const PlaneOptions& options,
       }
       fits[a] = std::move(*joint);
       fits.erase(fits.begin() + static_cast<std::ptrdiff_t>(b));
+      has_grown = true;
       b = a + 1;  // The grown plane may now reach one passed over.
     }
+    if (!has_grown) continue;
+    fits[a] = GatherPoints(candidates.points, rest, std::move(fits[a]), options.fit.inlier_sigmas);
+    std::vector<size_t> remaining;
+    std::set_difference(rest.begin(), rest.end(), fits[a].inliers.begin(), fits[a].inliers.end(),
+                        std::back_inserter(remaining));
+    rest = std::move(remaining);
   }
 }
 
@@ -150,6 +158,7 @@ std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstructi
   std::vector<size_t> rest(candidates.ids.size());
   std::iota(rest.begin(), rest.end(), size_t{0});
   std::vector<PlaneFit> fits;
+  std::vector<size_t> too_small;  // Points of planes that are none.
   for (int i = 0; i < options.max_planes_per_cluster && rest.size() >= min_inliers; ++i) {
     auto fit = FitNextPlane(candidates, rest, band, options, rng);
     if (!fit) break;
@@ -157,9 +166,15 @@ std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstructi
     std::set_difference(rest.begin(), rest.end(), fit->inliers.begin(), fit->inliers.end(),
                         std::back_inserter(remaining));
     rest = std::move(remaining);
-    if (fit->inliers.size() >= min_inliers) fits.push_back(std::move(*fit));
+    if (fit->inliers.size() >= min_inliers) {
+      fits.push_back(std::move(*fit));
+    } else {
+      too_small.insert(too_small.end(), fit->inliers.begin(), fit->inliers.end());
+    }
   }
-  JoinLayers(candidates, options, fits);
+  rest.insert(rest.end(), too_small.begin(), too_small.end());
+  std::sort(rest.begin(), rest.end());
+  JoinLayers(candidates, options, std::move(rest), fits);
   std::vector<PlanarSurface> surfaces;
   for (const PlaneFit& fit : fits) {
     surfaces.push_back(MakeSurface(reconstruction, cluster, candidates, fit));

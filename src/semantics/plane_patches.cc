@@ -76,6 +76,29 @@ std::vector<size_t> LargestPatch(std::span<const UncertainPoint> points, const P
   return largest;
 }
 
+PlaneFit GatherPoints(std::span<const UncertainPoint> points, std::span<const size_t> free,
+                      PlaneFit fit, double max_sigmas) {
+  constexpr int kRounds = 3;
+  std::vector<size_t> eligible;
+  std::set_union(free.begin(), free.end(), fit.inliers.begin(), fit.inliers.end(),
+                 std::back_inserter(eligible));
+  for (int round = 0; round < kRounds; ++round) {
+    const std::vector<Eigen::Vector2d> hull = Outline(points, fit);
+    const double limit = max_sigmas * std::max(1.0, fit.rms_sigma);
+    std::vector<size_t> inliers;
+    for (const size_t i : eligible) {
+      const Eigen::Vector3d d = points[i].xyz - fit.centroid;
+      const double distance = std::abs(fit.plane.SignedDistance(points[i].xyz));
+      if (distance > limit * DistanceSigma(points[i], fit.plane.normal)) continue;
+      if (IsInside(hull, {fit.axis_u.dot(d), fit.axis_v.dot(d)})) inliers.push_back(i);
+    }
+    auto next = FitPlane(points, inliers);
+    if (!next || next->inliers.size() < fit.inliers.size() / 2) return fit;
+    fit = std::move(*next);
+  }
+  return fit;
+}
+
 std::optional<PlaneFit> JoinPlanes(std::span<const UncertainPoint> points, const PlaneFit& a,
                                    const PlaneFit& b, const JoinLimits& apart,
                                    const JoinLimits& layered) {

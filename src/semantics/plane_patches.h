@@ -14,6 +14,11 @@ namespace s3lam {
 std::vector<size_t> LargestPatch(std::span<const UncertainPoint> points, const PlaneFit& fit,
                                  double max_gap);
 
+/// A surface known with less certainty than its points claim, with those of the `free` points that
+/// lie within `max_sigmas` of its own scatter over its outline; the fit itself if that fails.
+PlaneFit GatherPoints(std::span<const UncertainPoint> points, std::span<const size_t> free,
+                      PlaneFit fit, double max_sigmas);
+
 /// When two patches are one surface: normals within `max_angle` [rad], and the joint inliers
 /// scatter by less than `max_sigmas` of their own standard deviations.
 struct JoinLimits {

@@ -79,7 +79,7 @@ TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
   Reconstruction scene = FlatScene(600);
   Rng rng(5);
   // Far less certain than their observations claim, as if poses were off.
-  for (auto& [id, point] : scene.points) point.xyz.z() += rng.Gaussian(0.0, 0.05);
+  for (auto& [id, point] : scene.points) point.xyz.z() += rng.Gaussian(0.0, 0.1);
   SemanticMap map = OneCluster(scene, true);
   PlaneOptions options;
   FitPlanes(scene, options, 0, 1, map);
