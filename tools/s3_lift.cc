@@ -176,7 +176,8 @@ MaskFormat ParseMaskFormat(const std::string& name) {
 PanopticMasks OpenMasks(const po::variables_map& arguments, const fs::path& directory,
                         MaskFormat format, const ClassTable& table) {
   const auto map_path = arguments["label-map"].as<std::string>();
-  const LabelMap label_map = map_path.empty() ? LabelMap{} : ReadLabelMap(map_path);
+  const LabelMap label_map =
+      map_path.empty() ? LabelMap{} : ReadLabelMap(FindConfigFile(map_path, "label_maps"));
   const int divisor = arguments["label-divisor"].as<int>();
   if (divisor < 1) throw UsageError("--label-divisor must be positive");
   return {directory, format, arguments["mask-json"].as<std::string>(), table, label_map, divisor};
@@ -204,7 +205,7 @@ std::optional<ConfusionMatrix> ReadConfusion(const std::string& path, const Clas
 /// Writes for every frame of a sequence that has a mask what to ignore in it.
 void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& common) {
   const fs::path mask_path = Required(arguments, "masks");
-  const fs::path class_path = Required(arguments, "classes");
+  const fs::path class_path = FindConfigFile(Required(arguments, "classes"), "classes");
   const MaskFormat format = ParseMaskFormat(arguments["mask-format"].as<std::string>());
   const int margin_px = arguments["ignore-margin"].as<int>();
   if (margin_px < 0) throw UsageError("--ignore-margin must not be negative");
