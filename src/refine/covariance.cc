@@ -12,6 +12,22 @@ namespace {
 
 using SparseMatrix = Eigen::SparseMatrix<double>;
 
+/// As in TriangulationCovariances.
+constexpr double kPointDamping = 1e-12;
+
+/// Without what hangs on planes that no point lies on: such planes may be related to one another
+/// only, and then nothing says where they are.
+BundleProblem WithoutEmptyPlanes(const BundleProblem& problem) {
+  std::vector<uint8_t> has_points(problem.planes.size(), 0);
+  for (const PointOnPlane& term : problem.points_on_planes) has_points[term.plane] = 1;
+  BundleProblem kept = problem;
+  std::erase_if(kept.relations, [&](const RelationTerm& term) {
+    return has_points[term.plane_a] == 0 || has_points[term.plane_b] == 0;
+  });
+  std::erase_if(kept.heights, [&](const HeightTerm& term) { return has_points[term.plane] == 0; });
+  return kept;
+}
+
 /// Block-diagonal inverse of the points' own Hessian; false if a point is not determined.
 bool InvertPointBlocks(const SparseMatrix& hessian, const std::vector<int>& begins,
                        int first_column, SparseMatrix& inverse) {
@@ -21,7 +37,9 @@ bool InvertPointBlocks(const SparseMatrix& hessian, const std::vector<int>& begi
     const int begin = begins[k] - first_column;
     const int end =
         k + 1 < begins.size() ? begins[k + 1] - first_column : static_cast<int>(hessian.cols());
-    const Eigen::MatrixXd block = hessian.block(begin, begin, end - begin, end - begin);
+    Eigen::MatrixXd block = hessian.block(begin, begin, end - begin, end - begin);
+    // Where the rays are nearly parallel the depth is unknown: the damping keeps it finite.
+    block.diagonal().array() += kPointDamping * block.trace();
     const Eigen::LLT<Eigen::MatrixXd> factor(block);
     if (factor.info() != Eigen::Success) return false;
     const Eigen::MatrixXd inverted =
@@ -99,7 +117,7 @@ void CovarianceOptions::Visit(OptionVisitor& v) {
 std::optional<BundleCovariance> ComputeCovariance(const CovarianceOptions& options,
                                                   const BundleSolverOptions& solver,
                                                   const BundleProblem& problem) {
-  const BundleLinearization linear = LinearizeBundle(solver, problem);
+  const BundleLinearization linear = LinearizeBundle(solver, WithoutEmptyPlanes(problem));
   BundleCovariance covariance;
   covariance.poses.resize(problem.poses.size());
   covariance.planes.resize(problem.planes.size());

@@ -138,6 +138,21 @@ TEST(Covariance, AFreedomLeftOpenIsSeen) {
   EXPECT_FALSE(ComputeCovariance({}, small.solver, small.map.problem).has_value());
 }
 
+TEST(Covariance, PlanesWithoutPointsDoNoHarm) {
+  SmallProblem small = MakeSmallProblem(SmallModel());
+  BundleProblem& problem = small.map.problem;
+  const auto before = ComputeCovariance({}, small.solver, problem);
+  problem.planes.resize(4, problem.planes.front());
+  problem.relations.push_back({PlaneRelation::kParallel, 2, 3});
+  problem.relations.push_back({PlaneRelation::kParallel, 0, 3});
+  const auto after = ComputeCovariance({}, small.solver, problem);
+  ASSERT_TRUE(before.has_value());
+  ASSERT_TRUE(after.has_value());
+  EXPECT_FALSE(after->planes[2].has_value());
+  EXPECT_FALSE(after->planes[3].has_value());
+  EXPECT_LT((*after->planes[0] - *before->planes[0]).norm(), 1e-12 * before->planes[0]->norm());
+}
+
 /// The same problem with other noise many times: the poses scatter as the covariance says.
 TEST(Covariance, IsTheScatterOverManyDraws) {
   Reconstruction truth = SmallModel();

@@ -36,8 +36,8 @@ struct BundleCovariance {
 /// Inverse of the Hessian of poses, planes and whatever else is estimated beside the points, after
 /// these are eliminated (Schur complement), as Gauss and Newton approximate it at the present
 /// values and with the weights of the robust losses. Up to max_dense_rows rows it is inverted as a
-/// whole, beyond that factored sparsely and solved for each pose and plane. Empty if it is
-/// singular.
+/// whole, beyond that factored sparsely and solved for each pose and plane. Planes without points
+/// take no part. Empty if it is singular.
 std::optional<BundleCovariance> ComputeCovariance(const CovarianceOptions& options,
                                                   const BundleSolverOptions& solver,
                                                   const BundleProblem& problem);
