@@ -1,7 +1,5 @@
 #include "s3lam/refine/bundle_problem.h"
 
-#include <algorithm>
-
 namespace s3lam {
 
 Plane AnchoredPlane::PlaneInWorld() const {
@@ -14,16 +12,6 @@ AnchoredPlane AnchoredPlane::FromPlane(const Plane& plane_in_world, const Eigen:
   plane.parameters << plane_in_world.normal, plane_in_world.SignedDistance(anchor);
   plane.anchor_in_world = anchor;
   return plane;
-}
-
-bool BundleProblem::HasSpecialTerms() const {
-  const auto is_set = [](uint8_t flag) { return flag != 0; };
-  return !pose_priors.empty() ||
-         std::any_of(point_is_constant.begin(), point_is_constant.end(), is_set) ||
-         std::any_of(free_camera_params.begin(), free_camera_params.end(),
-                     [](const std::vector<int>& free) { return !free.empty(); }) ||
-         std::any_of(points_on_planes.begin(), points_on_planes.end(),
-                     [](const PointOnPlane& term) { return term.is_exact; });
 }
 
 }  // namespace s3lam

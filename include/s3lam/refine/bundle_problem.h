@@ -98,10 +98,6 @@ struct BundleProblem {
   std::vector<HeightTerm> heights;
   double height = 1.0;  // The common height [map units]; a variable if there are height terms.
   Gauge gauge;
-
-  /// True if there is more to it than poses, points, planes, relations and heights: constant
-  /// points, camera parameters that are estimated, pose priors, points exactly on planes.
-  [[nodiscard]] bool HasSpecialTerms() const;
 };
 
 }  // namespace s3lam
