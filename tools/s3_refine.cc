@@ -136,6 +136,7 @@ void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   OutputDirectory directory(Required(arguments, "output"), common.overwrite);
   auto options = LoadOptions<refine::Options>(common);
   options.num_threads = common.threads;
+  options.solver.num_threads = common.threads;
   options.covariance.enabled |= arguments.count("covariance") > 0;
   if (arguments.count("gravity") > 0) options.gravity.mode = GravityMode::kFloor;
 

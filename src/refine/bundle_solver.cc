@@ -11,11 +11,13 @@
 #include "s3lam/base/log.h"
 #include "s3lam/refine/cost_functions.h"
 #include "s3lam/refine/exact_plane_cost.h"
-#include "s3lam/refine/pose_prior_cost.h"
+#include "s3lam/refine/schur_bundle.h"
+#include "s3lam/refine/structure_terms.h"
 
 namespace s3lam {
 namespace {
 
+constexpr std::array<std::string_view, 3> kBackendNames{"auto", "schur", "ceres"};
 constexpr std::array<std::string_view, 4> kLinearSolverNames{"auto", "dense", "sparse",
                                                              "iterative"};
 /// Rows of the reduced system up to which it is factored densely, and from which it is solved by
@@ -39,8 +41,7 @@ class CeresBundle {
     PutPointsOnPlanes();
     AddObservations();
     AddPlanes();
-    AddHeights();
-    AddPosePriors();
+    AddStructure();
     FreeCameras();
     HoldPoints();
     HoldGauge();
@@ -197,51 +198,39 @@ class CeresBundle {
         problem_.AddResidualBlock(&point_planes_.back(), &plane_loss_, point, UsePlane(term.plane));
       }
     }
-    AddRelations();
   }
 
-  void AddRelations() {
-    for (const RelationTerm& term : bundle_.relations) {
-      double* a = UsePlane(term.plane_a);
-      double* b = UsePlane(term.plane_b);
-      if (term.relation == PlaneRelation::kOrthogonal) {
-        AddRelation(std::make_unique<OrthogonalPlanesCost>(term.sigma_rad), a, b);
-        continue;
-      }
-      AddRelation(std::make_unique<ParallelPlanesCost>(term.sigma_rad), a, b);
-      if (term.relation == PlaneRelation::kParallel) continue;
-      const AnchoredPlane& plane_a = bundle_.planes[term.plane_a];
-      const AnchoredPlane& plane_b = bundle_.planes[term.plane_b];
-      const bool opposite = plane_a.parameters.head<3>().dot(plane_b.parameters.head<3>()) < 0.0;
-      AddRelation(std::make_unique<PlanesMeetCost>(term.place_in_world - plane_a.anchor_in_world,
-                                                   term.place_in_world - plane_b.anchor_in_world,
-                                                   opposite, term.sigma_offset),
-                  a, b);
+  /// Relations between planes, heights of cameras, pose priors.
+  void AddStructure() {
+    structure_ = MakeStructureTerms(bundle_, UsedPoses());
+    for (const StructureTerm& term : structure_) {
+      std::vector<double*> blocks;
+      for (const StructureBlock& block : term.blocks) blocks.push_back(Block(block));
+      problem_.AddResidualBlock(term.cost.get(), LossOf(term), blocks);
     }
   }
 
-  void AddRelation(std::unique_ptr<ceres::CostFunction> cost, double* a, double* b) {
-    problem_.AddResidualBlock(cost.get(), &plane_loss_, a, b);
-    others_.push_back(std::move(cost));
+  ceres::LossFunction* LossOf(const StructureTerm& term) {
+    if (term.loss == StructureTerm::Loss::kNone) return nullptr;
+    return term.loss == StructureTerm::Loss::kPlane ? &plane_loss_ : &reprojection_loss_;
   }
 
-  void AddHeights() {
-    for (const HeightTerm& term : bundle_.heights) {
-      if (!used_poses_.contains(term.pose)) continue;
-      others_.push_back(std::make_unique<CameraHeightCost>(
-          bundle_.planes[term.plane].anchor_in_world, term.sigma_relative));
-      problem_.AddResidualBlock(others_.back().get(), &plane_loss_, Pose(term.pose),
-                                UsePlane(term.plane), &bundle_.height);
-    }
+  [[nodiscard]] std::vector<uint8_t> UsedPoses() const {
+    std::vector<uint8_t> used(bundle_.poses.size(), 0);
+    for (const int i : used_poses_) used[i] = 1;
+    return used;
   }
 
-  void AddPosePriors() {
-    for (const PosePriorTerm& term : bundle_.pose_priors) {
-      if (!used_poses_.contains(term.pose)) continue;
-      others_.push_back(std::make_unique<PosePriorCost>(term.cam_from_world, term.sigma_position,
-                                                        term.sigma_rotation));
-      problem_.AddResidualBlock(others_.back().get(), &reprojection_loss_, Pose(term.pose));
+  double* Block(const StructureBlock& block) {
+    switch (block.kind) {
+      case StructureBlock::Kind::kPose:
+        return Pose(block.index);
+      case StructureBlock::Kind::kPlane:
+        return UsePlane(block.index);
+      case StructureBlock::Kind::kHeight:
+        break;
     }
+    return &bundle_.height;
   }
 
   /// Camera parameters are constant but for those asked for.
@@ -355,7 +344,7 @@ class CeresBundle {
   std::vector<PlaneFrame> frames_;         // Per plane.
   std::deque<PointFixedPlaneCost> fixed_planes_;
   std::deque<PointPlaneCost> point_planes_;
-  std::vector<std::unique_ptr<ceres::CostFunction>> others_;
+  std::vector<StructureTerm> structure_;
   std::set<int> used_poses_;
   ceres::Problem problem_;  // Last: it refers to all of the above.
 };
@@ -373,6 +362,9 @@ void BundleSolverOptions::Visit(OptionVisitor& v) {
           "a solve ends when the cost falls by less than this part of it", 0.0, 1.0);
   v.Choice("linear_solver", linear_solver, kLinearSolverNames,
            "how the reduced camera system is solved; auto goes by its size");
+  v.Choice("backend", backend, kBackendNames,
+           "schur: the project's own solver, on all threads; ceres: Ceres on one thread; auto: "
+           "schur for all it can do");
 }
 
 BundleSolverReport SolveBundle(const BundleSolverOptions& options, BundleProblem& problem) {
@@ -383,6 +375,10 @@ BundleSolverReport SolveBundle(const BundleSolverOptions& options, BundleProblem
     report.converged = true;
     report.message = "no observations";
     return report;
+  }
+  if (options.backend == SolverBackend::kSchur ||
+      (options.backend == SolverBackend::kAuto && CanSolveBySchur(problem))) {
+    return SolveBundleBySchur(options, problem);
   }
   return CeresBundle(options, problem).Solve();
 }

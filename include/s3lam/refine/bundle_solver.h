@@ -11,6 +11,9 @@ namespace s3lam {
 
 enum class LinearSolver { kAuto, kDenseSchur, kSparseSchur, kIterativeSchur };
 
+/// Whose code minimises: our own, or Ceres.
+enum class SolverBackend { kAuto, kSchur, kCeres };
+
 struct BundleSolverOptions {
   double sigma_px = 1.0;  // Of a keypoint; not a configuration value: see OuterLoopSettings.
   double huber_reprojection = 2.4477;  // sqrt(5.991): 95 % of chi-squared with 2 dof
@@ -18,6 +21,8 @@ struct BundleSolverOptions {
   int max_iterations = 50;
   double function_tolerance = 1e-6;
   LinearSolver linear_solver = LinearSolver::kAuto;
+  SolverBackend backend = SolverBackend::kAuto;
+  int num_threads = 0;  // 0: all of the machine's. Not a part of the configuration.
 
   void Visit(OptionVisitor& v);
 };
@@ -34,11 +39,12 @@ struct BundleSolverReport {
 /// Minimises
 ///   sum rho(|| (proj(T_i X_j) - x_ij) / sigma_px ||) + sum rho((n_k . X_j + d_k) / sigma_j)
 ///   + relations between planes + constant camera height
-/// with Ceres: points are eliminated first, planes and height stay with the poses. On return the
-/// problem holds the solution. One thread: with more, Ceres adds the blocks of the Schur complement
-/// and the gradient in the order in which its threads arrive, and the last digits differ from run
-/// to run. Throws std::runtime_error, leaving the problem as it was, if the options are refused or
-/// the solution is not usable.
+/// Points are eliminated first, planes and height stay with the poses. On return the problem holds
+/// the solution, the same bytes for any number of threads. The project's own solver
+/// (SolveBundleBySchur) does it; Ceres, when asked for, is the reference and runs on one thread:
+/// with more, it adds the blocks of the Schur complement and the gradient in the order in which its
+/// threads arrive, and the last digits differ from run to run. Throws std::runtime_error, leaving
+/// the problem as it was, if the options are refused or the solution is not usable.
 BundleSolverReport SolveBundle(const BundleSolverOptions& options, BundleProblem& problem);
 
 /// Derivatives of all residuals of SolveBundle, weighted by the robust losses, at the present

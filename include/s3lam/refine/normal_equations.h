@@ -1,0 +1,127 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <vector>
+
+#include "s3lam/refine/bundle_solver.h"
+#include "s3lam/refine/schur_layout.h"
+
+namespace s3lam {
+
+/// The values that a bundle adjustment changes.
+struct BundleState {
+  std::vector<PoseBlock> poses;
+  std::vector<Eigen::Vector3d> points;
+  std::vector<Eigen::Vector4d> planes;
+  double height = 1.0;
+};
+
+/// The damped normal equations of a bundle problem,
+///   [ B + D_c^2    W       ] [ dc ]     [ g_c ]
+///   [ W^T          V + D_p^2 ] [ dp ] = - [ g_p ]
+/// with the points' 3 x 3 blocks V + D_p^2 = L L^T eliminated:
+///   (B + D_c^2 - U U^T) dc = -g_c + U L^-1 g_p,   U = W L^-T.
+/// Robust losses act by weighting residual and Jacobian with sqrt(rho'). A point on a plane is one
+/// residual, so its block of W is the outer product j n^T of the Jacobians by plane and point, and
+/// costs a tenth of an observation.
+///
+/// Work on points runs in chunks that depend on the problem alone, work on the reduced system by
+/// rows that have one owner, and partial sums are added in a fixed order: the numbers are the same
+/// for any number of threads.
+class NormalEquations {
+ public:
+  NormalEquations(const BundleSolverOptions& options, const BundleProblem& problem,
+                  const std::vector<StructureTerm>& terms, const SchurLayout& layout);
+
+  /// 1/2 sum rho; infinity with a point behind a camera.
+  [[nodiscard]] double Cost(const BundleState& state) const;
+
+  /// Fills the undamped system and returns the cost.
+  double Linearize(const BundleState& state);
+
+  /// Adds D^2 = diag(J^T J) / radius and eliminates the points; false if that is not possible.
+  bool Damp(double radius);
+
+  /// The reduced system of the last Damp.
+  void FillReduced(BlockMatrix& matrix) const;
+  [[nodiscard]] Eigen::VectorXd ReducedRightSide() const;
+  /// The same matrix as a product, without forming it.
+  [[nodiscard]] Eigen::VectorXd MultiplyReduced(const Eigen::VectorXd& x) const;
+  /// The inverses of its diagonal blocks.
+  [[nodiscard]] std::vector<Eigen::MatrixXd> InverseDiagonalBlocks() const;
+
+  struct Step {
+    double model_decrease = 0.0;  // Of the cost, by the linearised model.
+    double squared_norm = 0.0;
+    double squared_state_norm = 0.0;
+  };
+  /// Points' steps from the step of the others, both applied to `state`. `slack` is dc . (right
+  /// side - matrix * dc): zero if the reduced system was solved exactly.
+  Step Apply(const Eigen::VectorXd& step, double slack, const BundleState& state,
+             BundleState& moved) const;
+
+ private:
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  using Matrix63 = Eigen::Matrix<double, 6, 3>;
+
+  /// Sums of one chunk of points over poses and planes.
+  struct Sums {
+    std::vector<Matrix6> pose_hessian;
+    std::vector<Vector6> pose_gradient;
+    std::vector<Eigen::Matrix3d> plane_hessian;
+    std::vector<Eigen::Vector3d> plane_gradient;
+    double cost = 0.0;
+  };
+  /// A term that touches no point, linearised: its Jacobian by the tangents of its variables.
+  struct LinearTerm {
+    std::vector<int> variables;  // Without constant ones.
+    std::vector<Eigen::MatrixXd> jacobians;
+    Eigen::VectorXd residual;
+  };
+
+  [[nodiscard]] double StructureCost(const BundleState& state) const;
+  void LinearizeStructure(const BundleState& state);
+  void LinearizeChunk(const BundleState& state, size_t chunk, Sums& sums);
+  bool LinearizeObservation(const BundleState& state, size_t k, Sums& sums,
+                            Eigen::Matrix3d& hessian, Eigen::Vector3d& gradient);
+  void LinearizePlaneTerm(const BundleState& state, size_t k, Sums& sums, Eigen::Matrix3d& hessian,
+                          Eigen::Vector3d& gradient);
+  void HoldPoint(size_t point);
+  void AddSums(const std::vector<Sums>& sums);
+  void HoldScale(const BundleState& state);
+  bool DampPoint(size_t point, double radius);
+  void FillPoseRow(int i, const std::vector<int>& place, BlockMatrix& matrix) const;
+  void FillPlaneRow(int i, const std::vector<int>& place, BlockMatrix& matrix) const;
+  [[nodiscard]] Eigen::Vector3d TimesTransposed(size_t point, const Eigen::VectorXd& x) const;
+  void MoveStructure(const Eigen::VectorXd& step, const BundleState& state,
+                     BundleState& moved) const;
+  [[nodiscard]] Eigen::MatrixXd DampedBlock(int i) const;
+  /// Calls body(first, last) for stretches of variables, in parallel.
+  void ForRows(const std::function<void(int, int)>& body) const;
+
+  const BundleSolverOptions& options_;
+  const BundleProblem& problem_;
+  const std::vector<StructureTerm>& terms_;
+  const SchurLayout& layout_;
+
+  std::vector<Eigen::Matrix3d> rotations_;
+  std::vector<Matrix63> u_;                        // Per observation: W, after Damp U = W L^-T.
+  std::vector<Eigen::Vector3d> normal_;            // Per point on a plane: n, after Damp L^-1 n.
+  std::vector<Eigen::Vector3d> by_plane_;          // Per point on a plane: j.
+  std::vector<Eigen::Matrix3d> hessian_;           // Per point: V.
+  std::vector<Eigen::Matrix3d> factor_;            // Per point: L, the identity before Damp.
+  std::vector<Eigen::Vector3d> gradient_;          // Per point: g_p.
+  std::vector<Eigen::Vector3d> reduced_gradient_;  // Per point: L^-1 g_p.
+  Eigen::VectorXd gradient_c_;
+  std::vector<Matrix6> pose_hessian_;
+  std::vector<Eigen::Matrix3d> plane_hessian_;
+  std::vector<LinearTerm> linear_terms_;
+  Eigen::VectorXd diagonal_;  // Of B, whole.
+  Eigen::VectorXd damping_;   // D_c^2.
+  double radius_ = 1.0;
+  Vector6 held_direction_ = Vector6::Zero();  // Of the pose whose distance is held; unit.
+};
+
+}  // namespace s3lam

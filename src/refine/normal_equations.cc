@@ -1,0 +1,410 @@
+#include "s3lam/refine/normal_equations.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "s3lam/base/parallel.h"
+#include "s3lam/refine/manifolds.h"
+#include "s3lam/refine/projection.h"
+
+namespace s3lam {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+/// Damping of a direction that no residual depends on.
+constexpr double kMinDiagonal = 1e-30;
+constexpr int kRowsPerItem = 16;
+
+using Matrix26 = Eigen::Matrix<double, 2, 6>;
+
+/// rho(s) of Huber's loss, and sqrt(rho'(s)).
+double Huber(double squared, double threshold) {
+  if (squared <= threshold * threshold) return squared;
+  return 2.0 * threshold * std::sqrt(squared) - threshold * threshold;
+}
+double HuberWeight(double squared, double threshold) {
+  if (squared <= threshold * threshold) return 1.0;
+  return std::sqrt(threshold / std::sqrt(squared));
+}
+
+Eigen::Map<const Eigen::Vector3d> Translation(const PoseBlock& pose) {
+  return Eigen::Map<const Eigen::Vector3d>(pose.data() + 4);
+}
+
+Eigen::Matrix3d RotationOf(const PoseBlock& pose) {
+  return Eigen::Quaterniond(pose[3], pose[0], pose[1], pose[2]).toRotationMatrix();
+}
+
+std::vector<Eigen::Matrix3d> RotationsOf(const std::vector<PoseBlock>& poses) {
+  std::vector<Eigen::Matrix3d> rotations;
+  rotations.reserve(poses.size());
+  for (const PoseBlock& pose : poses) rotations.push_back(RotationOf(pose));
+  return rotations;
+}
+
+double PlaneResidual(const BundleProblem& problem, const BundleState& state,
+                     const PointOnPlane& term) {
+  const Eigen::Vector4d& plane = state.planes[term.plane];
+  const Eigen::Vector3d arm = state.points[term.point] - problem.planes[term.plane].anchor_in_world;
+  return (plane.head<3>().dot(arm) + plane[3]) / term.sigma;
+}
+
+/// Where a term's blocks are in a state, and how they move.
+struct BlockAccess {
+  const double* values;
+  const ceres::Manifold* manifold;  // Null: one number.
+};
+
+BlockAccess Access(const BundleState& state, const StructureBlock& block) {
+  static const PoseManifold pose_manifold;
+  static const AnchoredPlaneManifold plane_manifold;
+  switch (block.kind) {
+    case StructureBlock::Kind::kPose:
+      return {state.poses[block.index].data(), &pose_manifold};
+    case StructureBlock::Kind::kPlane:
+      return {state.planes[block.index].data(), &plane_manifold};
+    case StructureBlock::Kind::kHeight:
+      break;
+  }
+  return {&state.height, nullptr};
+}
+
+using RowMajorMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Evaluates a term; with `jacobians`, those by the tangents of all its blocks.
+bool Evaluate(const StructureTerm& term, const BundleState& state, Eigen::VectorXd& residual,
+              std::vector<Eigen::MatrixXd>* jacobians) {
+  const size_t n = term.blocks.size();
+  residual.resize(term.cost->num_residuals());
+  std::vector<const double*> values;
+  std::vector<RowMajorMatrix> ambient(n);
+  std::vector<double*> ambient_data;
+  for (size_t b = 0; b < n; ++b) {
+    values.push_back(Access(state, term.blocks[b]).values);
+    ambient[b].resize(residual.size(), term.cost->parameter_block_sizes()[b]);
+    ambient_data.push_back(ambient[b].data());
+  }
+  if (!term.cost->Evaluate(values.data(), residual.data(),
+                           jacobians == nullptr ? nullptr : ambient_data.data())) {
+    return false;
+  }
+  if (jacobians == nullptr) return true;
+  jacobians->clear();
+  for (size_t b = 0; b < n; ++b) {
+    const ceres::Manifold* manifold = Access(state, term.blocks[b]).manifold;
+    if (manifold == nullptr) {
+      jacobians->push_back(ambient[b]);
+      continue;
+    }
+    RowMajorMatrix plus(manifold->AmbientSize(), manifold->TangentSize());
+    manifold->PlusJacobian(values[b], plus.data());
+    jacobians->push_back(ambient[b] * plus);
+  }
+  return true;
+}
+
+double ThresholdOf(const StructureTerm& term, const BundleSolverOptions& options) {
+  switch (term.loss) {
+    case StructureTerm::Loss::kPlane:
+      return options.huber_plane;
+    case StructureTerm::Loss::kReprojection:
+      return options.huber_reprojection;
+    case StructureTerm::Loss::kNone:
+      break;
+  }
+  return kInfinity;
+}
+
+double Sum(const std::vector<double>& parts) {
+  double sum = 0.0;
+  for (const double part : parts) sum += part;
+  return sum;
+}
+
+}  // namespace
+
+NormalEquations::NormalEquations(const BundleSolverOptions& options, const BundleProblem& problem,
+                                 const std::vector<StructureTerm>& terms, const SchurLayout& layout)
+    : options_(options),
+      problem_(problem),
+      terms_(terms),
+      layout_(layout),
+      u_(problem.observations.size()),
+      normal_(problem.points_on_planes.size()),
+      by_plane_(problem.points_on_planes.size()),
+      hessian_(problem.points.size()),
+      factor_(problem.points.size()),
+      gradient_(problem.points.size()),
+      reduced_gradient_(problem.points.size()) {}
+
+void NormalEquations::ForRows(const std::function<void(int, int)>& body) const {
+  const int n = layout_.num_variables();
+  ParallelFor(static_cast<size_t>((n + kRowsPerItem - 1) / kRowsPerItem), options_.num_threads,
+              [&](size_t item) {
+                const int first = static_cast<int>(item) * kRowsPerItem;
+                body(first, std::min(n, first + kRowsPerItem));
+              });
+}
+
+double NormalEquations::StructureCost(const BundleState& state) const {
+  double sum = 0.0;
+  Eigen::VectorXd residual;
+  for (const StructureTerm& term : terms_) {
+    if (!Evaluate(term, state, residual, nullptr)) return kInfinity;
+    const double squared = residual.squaredNorm();
+    sum += Huber(squared, ThresholdOf(term, options_));
+  }
+  return 0.5 * sum;
+}
+
+double NormalEquations::Cost(const BundleState& state) const {
+  const std::vector<Eigen::Matrix3d> rotations = RotationsOf(state.poses);
+  std::vector<double> parts(layout_.num_chunks(), 0.0);
+  const double inverse_variance = 1.0 / (options_.sigma_px * options_.sigma_px);
+  ParallelFor(parts.size(), options_.num_threads, [&](size_t chunk) {
+    double sum = 0.0;
+    for (size_t p = layout_.chunk_begin[chunk]; p < layout_.chunk_begin[chunk + 1]; ++p) {
+      if (!layout_.IsUsed(p)) continue;
+      for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
+        const BundleObservation& o = problem_.observations[k];
+        const Camera& camera = problem_.cameras[problem_.camera_of_pose[o.pose]];
+        Eigen::Vector2d pixel;
+        if (!ProjectPoint(camera.model, camera.params.data(),
+                          rotations[o.pose] * state.points[p] + Translation(state.poses[o.pose]),
+                          &pixel, nullptr)) {
+          parts[chunk] = kInfinity;
+          return;
+        }
+        sum +=
+            Huber((pixel - o.pixel).squaredNorm() * inverse_variance, options_.huber_reprojection);
+      }
+      for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
+        const double r = PlaneResidual(problem_, state, problem_.points_on_planes[k]);
+        sum += Huber(r * r, options_.huber_plane);
+      }
+    }
+    parts[chunk] = 0.5 * sum;
+  });
+  return Sum(parts) + StructureCost(state);
+}
+
+double NormalEquations::Linearize(const BundleState& state) {
+  rotations_ = RotationsOf(state.poses);
+  HoldScale(state);
+  std::vector<Sums> sums(layout_.num_chunks());
+  ParallelFor(sums.size(), options_.num_threads,
+              [&](size_t chunk) { LinearizeChunk(state, chunk, sums[chunk]); });
+  AddSums(sums);
+  LinearizeStructure(state);
+  double cost = StructureCost(state);
+  for (const Sums& part : sums) cost += part.cost;
+  return cost;
+}
+
+/// The tangent direction that would change the distance of the held camera's centre C to the
+/// gauge's first one: C moves by -R^T v, so it is v along R (C - C_1).
+void NormalEquations::HoldScale(const BundleState& state) {
+  if (layout_.held_pose < 0) return;
+  const Rigid3 pose =
+      FromPoseBlock(state.poses[layout_.pose_of_variable[layout_.held_pose]].data());
+  const Rigid3 first = FromPoseBlock(state.poses[problem_.gauge.fixed_pose].data());
+  held_direction_.head<3>().setZero();
+  held_direction_.tail<3>() = pose.rotation * (pose.CenterInB() - first.CenterInB()).normalized();
+}
+
+void NormalEquations::LinearizeChunk(const BundleState& state, size_t chunk, Sums& sums) {
+  sums.pose_hessian.assign(static_cast<size_t>(layout_.num_poses), Matrix6::Zero());
+  sums.pose_gradient.assign(static_cast<size_t>(layout_.num_poses), Vector6::Zero());
+  sums.plane_hessian.assign(static_cast<size_t>(layout_.num_planes), Eigen::Matrix3d::Zero());
+  sums.plane_gradient.assign(static_cast<size_t>(layout_.num_planes), Eigen::Vector3d::Zero());
+  for (size_t p = layout_.chunk_begin[chunk]; p < layout_.chunk_begin[chunk + 1]; ++p) {
+    if (!layout_.IsUsed(p)) continue;
+    Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+    for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
+      if (!LinearizeObservation(state, k, sums, hessian, gradient)) {
+        sums.cost = kInfinity;
+        return;
+      }
+    }
+    for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
+      LinearizePlaneTerm(state, k, sums, hessian, gradient);
+    }
+    hessian_[p] = hessian;
+    gradient_[p] = gradient;
+    factor_[p].setIdentity();
+    if (!problem_.point_is_constant.empty() && problem_.point_is_constant[p] != 0) HoldPoint(p);
+  }
+  sums.cost *= 0.5;
+}
+
+/// A point that nothing moves: no gradient, and no tie to any other variable.
+void NormalEquations::HoldPoint(size_t p) {
+  hessian_[p].setIdentity();
+  gradient_[p].setZero();
+  for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
+    u_[k].setZero();
+  }
+  for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) normal_[k].setZero();
+}
+
+/// r = (proj(R X + t) - x) / sigma; the pose moves as in PoseManifold: d x_c = w x x_c + v.
+bool NormalEquations::LinearizeObservation(const BundleState& state, size_t k, Sums& sums,
+                                           Eigen::Matrix3d& hessian, Eigen::Vector3d& gradient) {
+  const BundleObservation& o = problem_.observations[k];
+  const Camera& camera = problem_.cameras[problem_.camera_of_pose[o.pose]];
+  const Eigen::Matrix3d& rotation = rotations_[o.pose];
+  const Eigen::Vector3d in_camera =
+      rotation * state.points[o.point] + Translation(state.poses[o.pose]);
+  Eigen::Vector2d pixel;
+  Matrix23 projection;
+  if (!ProjectPoint(camera.model, camera.params.data(), in_camera, &pixel, &projection)) {
+    return false;
+  }
+  const double inverse_sigma = 1.0 / options_.sigma_px;
+  Eigen::Vector2d residual = (pixel - o.pixel) * inverse_sigma;
+  const double squared = residual.squaredNorm();
+  sums.cost += Huber(squared, options_.huber_reprojection);
+  const double weight = HuberWeight(squared, options_.huber_reprojection);
+  residual *= weight;
+  projection *= weight * inverse_sigma;
+  const Eigen::Matrix<double, 2, 3> by_point = projection * rotation;
+  hessian.noalias() += by_point.transpose() * by_point;
+  gradient.noalias() += by_point.transpose() * residual;
+  const int variable = layout_.variable_of_pose[o.pose];
+  if (variable < 0) {
+    u_[k].setZero();
+    return true;
+  }
+  Matrix26 by_pose;
+  for (int row = 0; row < 2; ++row) {  // -a^T [x]_x = (x cross a)^T
+    by_pose.row(row).head<3>() = in_camera.cross(Eigen::Vector3d(projection.row(row)));
+  }
+  by_pose.rightCols<3>() = projection;
+  if (variable == layout_.held_pose) {
+    const Eigen::Vector2d along = by_pose * held_direction_;
+    by_pose.noalias() -= along * held_direction_.transpose();
+  }
+  sums.pose_hessian[variable].noalias() += by_pose.transpose() * by_pose;
+  sums.pose_gradient[variable].noalias() += by_pose.transpose() * residual;
+  u_[k].noalias() = by_pose.transpose() * by_point;
+  return true;
+}
+
+/// r = (n . (X - anchor) + h) / sigma; the plane moves as in AnchoredPlaneManifold.
+void NormalEquations::LinearizePlaneTerm(const BundleState& state, size_t k, Sums& sums,
+                                         Eigen::Matrix3d& hessian, Eigen::Vector3d& gradient) {
+  const PointOnPlane& term = problem_.points_on_planes[k];
+  const double residual = PlaneResidual(problem_, state, term);
+  sums.cost += Huber(residual * residual, options_.huber_plane);
+  const double weight = HuberWeight(residual * residual, options_.huber_plane);
+  const double scale = weight / term.sigma;
+  const Eigen::Vector3d normal = state.planes[term.plane].head<3>();
+  normal_[k] = scale * normal;
+  hessian.noalias() += normal_[k] * normal_[k].transpose();
+  gradient += (weight * residual) * normal_[k];
+  const int variable = layout_.variable_of_plane[term.plane];
+  if (variable < 0) return;
+  const Eigen::Vector3d arm =
+      state.points[term.point] - problem_.planes[term.plane].anchor_in_world;
+  by_plane_[k] << scale * (TangentBasis(normal).transpose() * arm), scale;
+  const int plane = variable - layout_.num_poses;
+  sums.plane_hessian[plane].noalias() += by_plane_[k] * by_plane_[k].transpose();
+  sums.plane_gradient[plane] += (weight * residual) * by_plane_[k];
+}
+
+void NormalEquations::AddSums(const std::vector<Sums>& sums) {
+  pose_hessian_.assign(static_cast<size_t>(layout_.num_poses), Matrix6::Zero());
+  plane_hessian_.assign(static_cast<size_t>(layout_.num_planes), Eigen::Matrix3d::Zero());
+  gradient_c_ = Eigen::VectorXd::Zero(layout_.num_rows());
+  diagonal_ = Eigen::VectorXd::Zero(layout_.num_rows());
+  ForRows([&](int first, int last) {
+    for (int i = first; i < last; ++i) {
+      const int offset = layout_.offset[i];
+      if (i < layout_.num_poses) {
+        for (const Sums& part : sums) {
+          pose_hessian_[i] += part.pose_hessian[i];
+          gradient_c_.segment<6>(offset) += part.pose_gradient[i];
+        }
+        diagonal_.segment<6>(offset) = pose_hessian_[i].diagonal();
+      } else if (i < layout_.num_poses + layout_.num_planes) {
+        const int plane = i - layout_.num_poses;
+        for (const Sums& part : sums) {
+          plane_hessian_[plane] += part.plane_hessian[plane];
+          gradient_c_.segment<3>(offset) += part.plane_gradient[plane];
+        }
+        diagonal_.segment<3>(offset) = plane_hessian_[plane].diagonal();
+      }
+    }
+  });
+}
+
+void NormalEquations::LinearizeStructure(const BundleState& state) {
+  linear_terms_.clear();
+  for (const StructureTerm& term : terms_) {
+    LinearTerm linear;
+    std::vector<Eigen::MatrixXd> jacobians;
+    if (!Evaluate(term, state, linear.residual, &jacobians)) continue;  // The cost is infinite.
+    const double weight = HuberWeight(linear.residual.squaredNorm(), ThresholdOf(term, options_));
+    linear.residual *= weight;
+    for (size_t b = 0; b < term.blocks.size(); ++b) {
+      const int i = layout_.VariableOf(term.blocks[b]);
+      if (i < 0) continue;
+      Eigen::MatrixXd jacobian = weight * jacobians[b];
+      if (i == layout_.held_pose) {
+        jacobian -= (jacobian * held_direction_).eval() * held_direction_.transpose();
+      }
+      const int offset = layout_.offset[i];
+      const int size = layout_.size[i];
+      gradient_c_.segment(offset, size) += jacobian.transpose() * linear.residual;
+      diagonal_.segment(offset, size) += jacobian.colwise().squaredNorm().transpose();
+      linear.variables.push_back(i);
+      linear.jacobians.push_back(std::move(jacobian));
+    }
+    linear_terms_.push_back(std::move(linear));
+  }
+}
+
+bool NormalEquations::Damp(double radius) {
+  radius_ = radius;
+  damping_ = diagonal_.cwiseMax(kMinDiagonal) / radius;
+  if (layout_.held_pose >= 0) {
+    // Alike in all three directions of v, so that the held one stays apart from the others.
+    auto shift = damping_.segment<3>(layout_.offset[layout_.held_pose] + 3);
+    shift.setConstant(shift.mean());
+  }
+  std::vector<uint8_t> done(layout_.num_chunks(), 1);
+  ParallelFor(done.size(), options_.num_threads, [&](size_t chunk) {
+    for (size_t p = layout_.chunk_begin[chunk]; p < layout_.chunk_begin[chunk + 1]; ++p) {
+      if (layout_.IsUsed(p) && !DampPoint(p, radius)) done[chunk] = 0;
+    }
+  });
+  return std::find(done.begin(), done.end(), 0) == done.end();
+}
+
+bool NormalEquations::DampPoint(size_t p, double radius) {
+  Eigen::Matrix3d damped = hessian_[p];
+  damped.diagonal() += damped.diagonal().cwiseMax(kMinDiagonal) / radius;
+  const Eigen::LLT<Eigen::Matrix3d> llt(damped);
+  if (llt.info() != Eigen::Success) return false;
+  const Eigen::Matrix3d factor = llt.matrixL();
+  // What is stored holds the last damping's L_old: W = U_old L_old^T, so U = U_old (L_old^T L^-T).
+  const Eigen::Matrix3d inverse =
+      factor.triangularView<Eigen::Lower>().solve(Eigen::Matrix3d::Identity());
+  const Eigen::Matrix3d change = factor_[p].transpose() * inverse.transpose();
+  const Eigen::Matrix3d change_transposed = change.transpose();
+  for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
+    u_[k] = (u_[k] * change).eval();
+  }
+  for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
+    normal_[k] = (change_transposed * normal_[k]).eval();
+  }
+  factor_[p] = factor;
+  reduced_gradient_[p] = inverse * gradient_[p];
+  return reduced_gradient_[p].allFinite();
+}
+
+}  // namespace s3lam
