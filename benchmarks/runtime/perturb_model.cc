@@ -3,11 +3,10 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <numbers>
 
 #include "common/program.h"
+#include "runtime/drive.h"
 #include "s3lam/base/output_directory.h"
-#include "s3lam/base/rng.h"
 #include "s3lam/io/colmap_model.h"
 
 namespace s3lam::tools {
@@ -15,35 +14,10 @@ namespace {
 
 namespace po = boost::program_options;
 
-/// Part of the map's median depth that points and camera centres are moved by, and rotation [deg].
-struct Perturbation {
-  double depth_sigma = 0.01;
-  double rotation_sigma_deg = 0.3;
-};
-
-Eigen::Vector3d GaussianVector(Rng& rng, double sigma) {
-  const double x = rng.Gaussian(0.0, sigma);
-  const double y = rng.Gaussian(0.0, sigma);
-  return {x, y, rng.Gaussian(0.0, sigma)};
-}
-
-void Perturb(const Perturbation& perturbation, uint64_t seed, Reconstruction& model) {
-  Rng rng(seed);
-  const double shift = perturbation.depth_sigma * MedianDepth(model);
-  const double turn = perturbation.rotation_sigma_deg * std::numbers::pi / 180.0;
-  for (auto& [id, image] : model.images) {
-    const Eigen::Vector3d center = image.cam_from_world.CenterInB() + GaussianVector(rng, shift);
-    const Eigen::Quaterniond rotation =
-        QuaternionFromRotationVector(GaussianVector(rng, turn)) * image.cam_from_world.rotation;
-    image.cam_from_world = {rotation.normalized(), -(rotation.normalized() * center)};
-  }
-  for (auto& [id, point] : model.points) point.xyz += GaussianVector(rng, shift);
-}
-
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
   Reconstruction model = ReadColmapModel(Required(arguments, "model"));
   if (arguments.count("output") > 0) {
-    Perturb(Perturbation(), common.seed, model);
+    benchmarks::Perturb(common.seed, model);
     OutputDirectory directory(arguments["output"].as<std::string>(), common.overwrite);
     WriteColmapModel(model, directory.path());
     directory.Commit();

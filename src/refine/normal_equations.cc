@@ -38,17 +38,10 @@ Eigen::Matrix3d RotationOf(const PoseBlock& pose) {
   return Eigen::Quaterniond(pose[3], pose[0], pose[1], pose[2]).toRotationMatrix();
 }
 
-std::vector<Eigen::Matrix3d> RotationsOf(const std::vector<PoseBlock>& poses) {
-  std::vector<Eigen::Matrix3d> rotations;
-  rotations.reserve(poses.size());
-  for (const PoseBlock& pose : poses) rotations.push_back(RotationOf(pose));
-  return rotations;
-}
-
 double PlaneResidual(const BundleProblem& problem, const BundleState& state,
-                     const PointOnPlane& term) {
+                     const PointOnPlane& term, const Eigen::Vector3d& point) {
   const Eigen::Vector4d& plane = state.planes[term.plane];
-  const Eigen::Vector3d arm = state.points[term.point] - problem.planes[term.plane].anchor_in_world;
+  const Eigen::Vector3d arm = point - problem.planes[term.plane].anchor_in_world;
   return (plane.head<3>().dot(arm) + plane[3]) / term.sigma;
 }
 
@@ -118,12 +111,6 @@ double ThresholdOf(const StructureTerm& term, const BundleSolverOptions& options
   return kInfinity;
 }
 
-double Sum(const std::vector<double>& parts) {
-  double sum = 0.0;
-  for (const double part : parts) sum += part;
-  return sum;
-}
-
 }  // namespace
 
 NormalEquations::NormalEquations(const BundleSolverOptions& options, const BundleProblem& problem,
@@ -135,10 +122,19 @@ NormalEquations::NormalEquations(const BundleSolverOptions& options, const Bundl
       u_(problem.observations.size()),
       normal_(problem.points_on_planes.size()),
       by_plane_(problem.points_on_planes.size()),
+      cost_(problem.points.size(), 0.0),
       hessian_(problem.points.size()),
       factor_(problem.points.size()),
       gradient_(problem.points.size()),
       reduced_gradient_(problem.points.size()) {}
+
+std::vector<Eigen::Matrix3d> NormalEquations::RotationMatrices(
+    const std::vector<PoseBlock>& poses) {
+  std::vector<Eigen::Matrix3d> rotations;
+  rotations.reserve(poses.size());
+  for (const PoseBlock& pose : poses) rotations.push_back(RotationOf(pose));
+  return rotations;
+}
 
 void NormalEquations::ForRows(const std::function<void(int, int)>& body) const {
   const int n = layout_.num_variables();
@@ -160,39 +156,31 @@ double NormalEquations::StructureCost(const BundleState& state) const {
   return 0.5 * sum;
 }
 
-double NormalEquations::Cost(const BundleState& state) const {
-  const std::vector<Eigen::Matrix3d> rotations = RotationsOf(state.poses);
-  std::vector<double> parts(layout_.num_chunks(), 0.0);
+double NormalEquations::PointCost(size_t p, const Eigen::Vector3d& point,
+                                  const std::vector<Eigen::Matrix3d>& rotations,
+                                  const BundleState& state) const {
+  double sum = 0.0;
   const double inverse_variance = 1.0 / (options_.sigma_px * options_.sigma_px);
-  ParallelFor(parts.size(), options_.num_threads, [&](size_t chunk) {
-    double sum = 0.0;
-    for (size_t p = layout_.chunk_begin[chunk]; p < layout_.chunk_begin[chunk + 1]; ++p) {
-      if (!layout_.IsUsed(p)) continue;
-      for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
-        const BundleObservation& o = problem_.observations[k];
-        const Camera& camera = problem_.cameras[problem_.camera_of_pose[o.pose]];
-        Eigen::Vector2d pixel;
-        if (!ProjectPoint(camera.model, camera.params.data(),
-                          rotations[o.pose] * state.points[p] + Translation(state.poses[o.pose]),
-                          &pixel, nullptr)) {
-          parts[chunk] = kInfinity;
-          return;
-        }
-        sum +=
-            Huber((pixel - o.pixel).squaredNorm() * inverse_variance, options_.huber_reprojection);
-      }
-      for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
-        const double r = PlaneResidual(problem_, state, problem_.points_on_planes[k]);
-        sum += Huber(r * r, options_.huber_plane);
-      }
+  for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
+    const BundleObservation& o = problem_.observations[k];
+    const Camera& camera = problem_.cameras[problem_.camera_of_pose[o.pose]];
+    Eigen::Vector2d pixel;
+    if (!ProjectPoint(camera.model, camera.params.data(),
+                      rotations[o.pose] * point + Translation(state.poses[o.pose]), &pixel,
+                      nullptr)) {
+      return kInfinity;
     }
-    parts[chunk] = 0.5 * sum;
-  });
-  return Sum(parts) + StructureCost(state);
+    sum += Huber((pixel - o.pixel).squaredNorm() * inverse_variance, options_.huber_reprojection);
+  }
+  for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
+    const double r = PlaneResidual(problem_, state, problem_.points_on_planes[k], point);
+    sum += Huber(r * r, options_.huber_plane);
+  }
+  return 0.5 * sum;
 }
 
 double NormalEquations::Linearize(const BundleState& state) {
-  rotations_ = RotationsOf(state.poses);
+  rotations_ = RotationMatrices(state.poses);
   HoldScale(state);
   std::vector<Sums> sums(layout_.num_chunks());
   ParallelFor(sums.size(), options_.num_threads,
@@ -224,6 +212,7 @@ void NormalEquations::LinearizeChunk(const BundleState& state, size_t chunk, Sum
     if (!layout_.IsUsed(p)) continue;
     Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
     Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+    const double cost_before = sums.cost;
     for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
       if (!LinearizeObservation(state, k, sums, hessian, gradient)) {
         sums.cost = kInfinity;
@@ -233,6 +222,7 @@ void NormalEquations::LinearizeChunk(const BundleState& state, size_t chunk, Sum
     for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
       LinearizePlaneTerm(state, k, sums, hessian, gradient);
     }
+    cost_[p] = 0.5 * (sums.cost - cost_before);
     hessian_[p] = hessian;
     gradient_[p] = gradient;
     factor_[p].setIdentity();
@@ -298,7 +288,7 @@ bool NormalEquations::LinearizeObservation(const BundleState& state, size_t k, S
 void NormalEquations::LinearizePlaneTerm(const BundleState& state, size_t k, Sums& sums,
                                          Eigen::Matrix3d& hessian, Eigen::Vector3d& gradient) {
   const PointOnPlane& term = problem_.points_on_planes[k];
-  const double residual = PlaneResidual(problem_, state, term);
+  const double residual = PlaneResidual(problem_, state, term, state.points[term.point]);
   sums.cost += Huber(residual * residual, options_.huber_plane);
   const double weight = HuberWeight(residual * residual, options_.huber_plane);
   const double scale = weight / term.sigma;

@@ -214,6 +214,8 @@ std::vector<Eigen::MatrixXd> NormalEquations::InverseDiagonalBlocks() const {
 
 NormalEquations::Step NormalEquations::Apply(const Eigen::VectorXd& step, double slack,
                                              const BundleState& state, BundleState& moved) const {
+  MoveStructure(step, state, moved);
+  const std::vector<Eigen::Matrix3d> rotations = RotationMatrices(moved.poses);
   std::vector<Step> parts(layout_.num_chunks());
   moved.points = state.points;
   ParallelFor(parts.size(), options_.num_threads, [&](size_t chunk) {
@@ -223,12 +225,12 @@ NormalEquations::Step NormalEquations::Apply(const Eigen::VectorXd& step, double
       const Eigen::Vector3d right = -reduced_gradient_[p] - TimesTransposed(p, step);
       const Eigen::Vector3d change =
           factor_[p].transpose().triangularView<Eigen::Upper>().solve(right);
-      moved.points[p] += change;
       const Eigen::Vector3d damping = hessian_[p].diagonal() / radius_;
       part.model_decrease +=
           0.5 * (damping.cwiseProduct(change).dot(change) - gradient_[p].dot(change));
       part.squared_norm += change.squaredNorm();
       part.squared_state_norm += state.points[p].squaredNorm();
+      part.cost += MovePoint(p, change, rotations, moved);
     }
   });
   Step result;
@@ -236,13 +238,36 @@ NormalEquations::Step NormalEquations::Apply(const Eigen::VectorXd& step, double
     result.model_decrease += part.model_decrease;
     result.squared_norm += part.squared_norm;
     result.squared_state_norm += part.squared_state_norm;
+    result.cost += part.cost;
   }
-  // With H dc + ... = -g - D^2 dc - slack: -g dc - 1/2 dc H dc.
+  // (B + D_c^2) dc + W dp = -g_c - slack's residual, so -g dc - 1/2 dc (B dc + W dp) is this.
   result.model_decrease +=
       0.5 * (damping_.cwiseProduct(step).dot(step) - gradient_c_.dot(step) + slack);
-  MoveStructure(step, state, moved);
   result.squared_norm += step.squaredNorm();
+  result.cost += StructureCost(moved);
   return result;
+}
+
+/// A point whose rays are nearly parallel may be sent behind a camera or far off by a step that
+/// does all others good. It goes part of the way then, or stays, instead of having the whole step
+/// refused for its sake. Returns its cost.
+double NormalEquations::MovePoint(size_t p, const Eigen::Vector3d& change,
+                                  const std::vector<Eigen::Matrix3d>& rotations,
+                                  BundleState& moved) const {
+  constexpr double kWorse = 1.0;  // [sigma^2]; below, a rise is the price of the others' fall.
+  const Eigen::Vector3d start = moved.points[p];
+  moved.points[p] = start + change;
+  double cost = PointCost(p, moved.points[p], rotations, moved);
+  if (cost <= cost_[p] + kWorse) return cost;
+  for (const double part : {0.25, 0.0}) {
+    const Eigen::Vector3d shorter = start + part * change;
+    const double shorter_cost = PointCost(p, shorter, rotations, moved);
+    if (shorter_cost < cost) {
+      cost = shorter_cost;
+      moved.points[p] = shorter;
+    }
+  }
+  return cost;
 }
 
 void NormalEquations::MoveStructure(const Eigen::VectorXd& step, const BundleState& state,

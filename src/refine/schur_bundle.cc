@@ -168,7 +168,7 @@ class SchurBundle {
       return Converged("the step is below the tolerance");
     }
     num_refused_ = 0;
-    const double cost = equations_.Cost(trial_);
+    const double cost = applied.cost;
     const double decrease = cost_ - cost;
     const double quality = decrease / applied.model_decrease;
     const bool is_small = std::abs(decrease) <= options_.function_tolerance * cost_;

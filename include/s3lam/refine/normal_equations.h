@@ -34,10 +34,8 @@ class NormalEquations {
   NormalEquations(const BundleSolverOptions& options, const BundleProblem& problem,
                   const std::vector<StructureTerm>& terms, const SchurLayout& layout);
 
-  /// 1/2 sum rho; infinity with a point behind a camera.
-  [[nodiscard]] double Cost(const BundleState& state) const;
-
-  /// Fills the undamped system and returns the cost.
+  /// Fills the undamped system and returns the cost, 1/2 sum rho; infinity with a point behind a
+  /// camera.
   double Linearize(const BundleState& state);
 
   /// Adds D^2 = diag(J^T J) / radius and eliminates the points; false if that is not possible.
@@ -55,6 +53,7 @@ class NormalEquations {
     double model_decrease = 0.0;  // Of the cost, by the linearised model.
     double squared_norm = 0.0;
     double squared_state_norm = 0.0;
+    double cost = 0.0;  // Of the moved state; infinity with a point behind a camera.
   };
   /// Points' steps from the step of the others, both applied to `state`. `slack` is dc . (right
   /// side - matrix * dc): zero if the reduced system was solved exactly.
@@ -81,6 +80,13 @@ class NormalEquations {
     Eigen::VectorXd residual;
   };
 
+  static std::vector<Eigen::Matrix3d> RotationMatrices(const std::vector<PoseBlock>& poses);
+  /// Of all residuals that touch a point, were it at `point`.
+  [[nodiscard]] double PointCost(size_t p, const Eigen::Vector3d& point,
+                                 const std::vector<Eigen::Matrix3d>& rotations,
+                                 const BundleState& state) const;
+  double MovePoint(size_t p, const Eigen::Vector3d& change,
+                   const std::vector<Eigen::Matrix3d>& rotations, BundleState& moved) const;
   [[nodiscard]] double StructureCost(const BundleState& state) const;
   void LinearizeStructure(const BundleState& state);
   void LinearizeChunk(const BundleState& state, size_t chunk, Sums& sums);
@@ -110,6 +116,7 @@ class NormalEquations {
   std::vector<Matrix63> u_;                        // Per observation: W, after Damp U = W L^-T.
   std::vector<Eigen::Vector3d> normal_;            // Per point on a plane: n, after Damp L^-1 n.
   std::vector<Eigen::Vector3d> by_plane_;          // Per point on a plane: j.
+  std::vector<double> cost_;                       // Per point: of its residuals.
   std::vector<Eigen::Matrix3d> hessian_;           // Per point: V.
   std::vector<Eigen::Matrix3d> factor_;            // Per point: L, the identity before Damp.
   std::vector<Eigen::Vector3d> gradient_;          // Per point: g_p.
