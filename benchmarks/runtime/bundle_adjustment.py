@@ -2,17 +2,23 @@
 """Plain bundle adjustment: s3-refine against `colmap bundle_adjuster`.
 
 Both start from the same perturbed model, minimise the same squared reprojection errors with the
-intrinsics fixed, and are timed in alternating pairs. COLMAP runs twice: as it comes (100 iterations)
-and with the function tolerance at which s3-refine stops. Prints a Markdown table of median wall
-times and of the reprojection errors reached; needs Python's standard library only.
+intrinsics fixed, and are timed in alternating pairs, whole programs with reading and writing. COLMAP
+runs twice: as it comes (100 iterations) and with the function tolerance at which s3-refine stops.
+Models are folders (--models) and synthetic drives of so many keyframes (--keyframes). Prints a
+Markdown table of medians and of the reprojection errors reached, CSV with --csv FILE; needs Python's
+standard library only. On a machine that others use compare the CPU times. Both programs obey
+OPENBLAS_NUM_THREADS.
 
   cmake -S . -B build -DS3LAM_BENCHMARKS=ON && cmake --build build
-  benchmarks/runtime/bundle_adjustment.py --bin build/bin --models DIR...
+  benchmarks/runtime/bundle_adjustment.py --bin build/bin --models DIR... --keyframes 200 1000 5000
 """
 
 import argparse
+import csv
 import json
+import os
 import pathlib
+import resource
 import statistics
 import subprocess
 import tempfile
@@ -28,15 +34,30 @@ OURS = ["--set", "planes.mode=off", "--set", "solver.huber_reprojection=1000000"
 
 
 def timed(command):
+    """Wall and CPU seconds of one run."""
+    def cpu():
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return usage.ru_utime + usage.ru_stime
+
+    cpu_start = cpu()
     start = time.monotonic()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    return time.monotonic() - start
+    return time.monotonic() - start, cpu() - cpu_start
 
 
-def measure_model(programs, model, work, repeat):
+def make_start(programs, model, folder):
+    """Writes the perturbed model; `model` is a folder or a number of keyframes."""
+    if isinstance(model, int):
+        command = [programs / "s3-drive", "--keyframes", str(model)]
+    else:
+        command = [programs / "s3-perturb", "--model", model]
+    subprocess.run([*command, "--output", folder, "--overwrite"], check=True,
+                   stdout=subprocess.DEVNULL)
+
+
+def measure_model(programs, model, work, arguments):
     perturbed = work / "start"
-    subprocess.run([programs / "s3-perturb", "--model", model, "--output", perturbed,
-                    "--overwrite"], check=True, stdout=subprocess.DEVNULL)
+    make_start(programs, model, perturbed)
 
     def rms(folder):
         text = subprocess.run([programs / "s3-perturb", "--model", folder], check=True,
@@ -44,7 +65,8 @@ def measure_model(programs, model, work, repeat):
         return json.loads(text)
 
     (work / "colmap").mkdir(exist_ok=True)
-    paths = ["--input_path", perturbed, "--output_path", work / "colmap"]
+    paths = ["--input_path", perturbed, "--output_path", work / "colmap",
+             "--BundleAdjustment.max_num_iterations", str(arguments.colmap_iterations)]
     arms = {
         "s3-refine": ([programs / "s3-refine", "--model", perturbed, "--output", work / "ours",
                        "--overwrite", "--quiet", *OURS], work / "ours"),
@@ -53,31 +75,54 @@ def measure_model(programs, model, work, repeat):
             COLMAP + paths + ["--BundleAdjustment.function_tolerance", str(FUNCTION_TOLERANCE)],
             work / "colmap"),
     }
-    seconds = {name: [] for name in arms}
+    if arguments.same_tolerance_only:
+        del arms["colmap"]
+    times = {name: [] for name in arms}
     reached = {}
-    for _ in range(repeat):
+    for _ in range(arguments.repeat):
         for name, (command, folder) in arms.items():
-            seconds[name].append(timed(command))
+            times[name].append(timed(command))
             reached[name] = rms(folder)["rms_px"]
-    return rms(perturbed), {name: statistics.median(times) for name, times in seconds.items()}, reached
+    start = rms(perturbed)
+    return [{"model": str(model), "images": start["images"], "observations": start["observations"],
+             "program": name, "wall_s": statistics.median(wall for wall, _ in runs),
+             "cpu_s": statistics.median(cpu for _, cpu in runs), "rms_px": reached[name]}
+            for name, runs in times.items()]
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
-    parser.add_argument("--models", type=pathlib.Path, nargs="+", required=True)
+    parser.add_argument("--models", type=pathlib.Path, nargs="*", default=[])
+    parser.add_argument("--keyframes", type=int, nargs="*", default=[], help="synthetic drives")
     parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--same-tolerance-only", action="store_true",
+                        help="leave out COLMAP with its own tolerance")
+    parser.add_argument("--colmap-iterations", type=int, default=100,
+                        help="most iterations of COLMAP; its default is 100")
+    parser.add_argument("--csv", type=pathlib.Path)
     arguments = parser.parse_args()
-    print("| model | images | observations | program | wall [s] | times s3-refine | RMS [px] |")
-    print("|---|---|---|---|---|---|---|")
-    for model in arguments.models:
+    print(f"OPENBLAS_NUM_THREADS: {os.environ.get('OPENBLAS_NUM_THREADS', 'not set')}\n")
+    print("| model | images | observations | program | wall [s] | times s3-refine | CPU [s] "
+          "| times s3-refine | RMS [px] |")
+    print("|---|---|---|---|---|---|---|---|---|", flush=True)
+    rows = []
+    for model in [*arguments.models, *arguments.keyframes]:
         with tempfile.TemporaryDirectory() as work:
-            start, seconds, reached = measure_model(arguments.bin, model, pathlib.Path(work),
-                                                    arguments.repeat)
-        for name, wall in seconds.items():
-            print(f"| {model} | {start['images']} | {start['observations']} | {name} | {wall:.2f} "
-                  f"| {wall / seconds['s3-refine']:.2f} | {reached[name]:.6f} |", flush=True)
+            measured = measure_model(arguments.bin, model, pathlib.Path(work), arguments)
+        ours = measured[0]
+        for row in measured:
+            print(f"| {row['model']} | {row['images']} | {row['observations']} | {row['program']} "
+                  f"| {row['wall_s']:.2f} | {row['wall_s'] / ours['wall_s']:.1f} "
+                  f"| {row['cpu_s']:.2f} | {row['cpu_s'] / ours['cpu_s']:.1f} "
+                  f"| {row['rms_px']:.7f} |", flush=True)
+        rows += measured
+    if arguments.csv:
+        with arguments.csv.open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
 
 
 if __name__ == "__main__":
