@@ -27,6 +27,15 @@ size_t EditDistance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
+/// A value for a message: lists and objects can be of any size, texts of any bytes.
+std::string ShortText(const json& value) {
+  constexpr size_t kMaxSize = 60;
+  if (value.is_structured()) return fmt::format("an {}", value.type_name());
+  const std::string text =
+      value.dump(-1, ' ', /*ensure_ascii=*/true, json::error_handler_t::replace);
+  return text.size() <= kMaxSize ? text : text.substr(0, kMaxSize) + "...";
+}
+
 std::string JoinNames(std::span<const std::string_view> names) {
   return fmt::format("{}", fmt::join(names, "|"));
 }
@@ -212,7 +221,7 @@ class JsonReader final : public OptionVisitor {
     if (found == nullptr) return;
     if (!accepts(*found)) {
       throw UsageError(fmt::format("{}: {}{} must be {}, got {}", source_, levels_.back().path, key,
-                                   expected, found->dump()));
+                                   expected, ShortText(*found)));
     }
     value = found->get<T>();
   }

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <exception>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -40,7 +41,11 @@ void ParallelFor(size_t count, int num_threads, const std::function<void(size_t)
   };
   {
     std::vector<std::jthread> threads;
-    for (size_t t = 1; t < workers; ++t) threads.emplace_back(work);
+    try {
+      for (size_t t = 1; t < workers; ++t) threads.emplace_back(work);
+    } catch (const std::system_error&) {
+      // The system gives no more threads: those that are there do the work.
+    }
     work();
   }
   if (error) std::rethrow_exception(error);

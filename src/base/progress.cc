@@ -5,12 +5,25 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <mutex>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 namespace s3lam {
 namespace {
 
 ProgressStyle g_style = ProgressStyle::kNone;
+
+/// What DescribeProgress() tells of the Progress that was updated last.
+struct Count {
+  std::string step;
+  int64_t done = 0;
+  int64_t total = 0;
+  Timer timer;
+};
+std::mutex g_count_mutex;
+std::optional<Count> g_count;  // NOLINT: empty at start and at the end.
+
 constexpr double kSecondsBetweenLines = 0.2;
 constexpr double kSecondsBetweenLogLines = 5.0;  // Where stderr is a file, nothing can be redrawn.
 
@@ -18,14 +31,37 @@ constexpr double kSecondsBetweenLogLines = 5.0;  // Where stderr is a file, noth
 
 void SetProgressStyle(ProgressStyle style) { g_style = style; }
 
-Progress::Progress(std::string step, int64_t total) : step_(std::move(step)), total_(total) {}
+std::string DescribeProgress() {
+  const StepUnderWay step = CurrentStep();
+  std::string text = step.name.empty() ? "reading or writing"
+                                       : fmt::format("{} for {:.1f} s", step.name, step.seconds);
+  const std::lock_guard lock(g_count_mutex);
+  if (g_count) {
+    text += fmt::format("; {}: {} of {} in {:.1f} s", g_count->step, g_count->done, g_count->total,
+                        g_count->timer.Seconds());
+  }
+  return text;
+}
+
+Progress::Progress(std::string step, int64_t total) : step_(std::move(step)), total_(total) {
+  const std::lock_guard lock(g_count_mutex);
+  g_count = Count{step_, 0, total_, timer_};
+}
 
 Progress::~Progress() {
+  {
+    const std::lock_guard lock(g_count_mutex);
+    g_count.reset();
+  }
   if (printed_ && g_style == ProgressStyle::kBar && isatty(STDERR_FILENO)) fputc('\n', stderr);
 }
 
 void Progress::Update(int64_t done, const std::string& note) {
   done_ = done;
+  {
+    const std::lock_guard lock(g_count_mutex);
+    if (g_count) g_count->done = done;
+  }
   if (g_style == ProgressStyle::kNone) return;
   const bool redraws = g_style == ProgressStyle::kBar && isatty(STDERR_FILENO);
   const double interval = redraws ? kSecondsBetweenLines : kSecondsBetweenLogLines;
@@ -44,7 +80,8 @@ void Progress::Print(const std::string& note) {
   if (g_style == ProgressStyle::kJson) {
     nlohmann::json line{{"step", step_}, {"done", done_}, {"total", total_},
                         {"rate", rate},  {"eta_s", left}, {"note", note}};
-    fmt::print(stderr, "{}\n", line.dump());
+    using Json = nlohmann::json;
+    fmt::print(stderr, "{}\n", line.dump(-1, ' ', false, Json::error_handler_t::replace));
     return;
   }
   constexpr int kWidth = 24;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "s3lam/base/error.h"
+#include "s3lam/io/file.h"
 #include "s3lam/scene/reconstruction.h"
 
 namespace s3lam::internal {
@@ -31,13 +32,18 @@ void InsertUnique(Map& map, typename Map::key_type id, typename Map::mapped_type
   }
 }
 
-/// Throws InputError unless the name can be used in both forms of the model.
+/// Throws InputError unless the name can be used in both forms of the model, and as that of a file
+/// to write.
 inline void CheckImageName(std::string_view name, ImageId id, const std::string& source) {
   if (name.empty()) ThrowInputError("{}: image {} has no name", source, id.value());
   for (const char c : name) {
     if (c == '\n' || c == '\r' || c == '\0') {
       ThrowInputError("{}: the name of image {} has a line break or zero byte", source, id.value());
     }
+  }
+  if (!IsNameWithin(name)) {
+    ThrowInputError("{}: the name of image {} leaves the folder of the images: {}", source,
+                    id.value(), name);
   }
 }
 

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "s3lam/base/error.h"
+#include "s3lam/io/file.h"
 #include "s3lam/io/image_file.h"
 #include "sequence_formats.h"
 
@@ -78,6 +79,9 @@ void CheckFrames(const std::string& source, ImageSequence& sequence) {
     if (i > 0 && frame.time_s <= sequence.frames[i - 1].time_s) {
       ThrowInputError("{}: the time of {} ({} s) is not after that of the frame before it", source,
                       frame.name, frame.time_s);
+    }
+    if (!IsNameWithin(frame.name)) {
+      ThrowInputError("{}: image name leaves the folder of the images: {}", source, frame.name);
     }
     if (!names.insert(frame.name).second) {
       ThrowInputError("{}: {} is listed twice", source, frame.name);

@@ -3,6 +3,7 @@
 #include <charconv>
 #include <cmath>
 #include <istream>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -127,6 +128,37 @@ class LineReader {
   std::string line_;
   size_t line_number_ = 0;
   bool ends_in_newline_ = true;
+};
+
+/// The number of entries that a comment "# Number of images: 5, ..." promises. A text file cut at a
+/// line's end looks whole otherwise; files written by hand need not have the comment.
+class PromisedCount {
+ public:
+  void operator()(std::string_view comment) {
+    constexpr std::string_view kPhrase = "Number of ";
+    const size_t phrase = comment.find(kPhrase);
+    if (phrase == std::string_view::npos) return;
+    const size_t colon = comment.find(':', phrase);
+    if (colon == std::string_view::npos) return;
+    const size_t digits = comment.find_first_not_of(' ', colon + 1);
+    if (digits == std::string_view::npos) return;
+    size_t value = 0;
+    const char* end = comment.data() + comment.size();
+    if (std::from_chars(comment.data() + digits, end, value).ec == std::errc()) count_ = value;
+  }
+
+  /// Throws InputError if fewer entries came than promised, or the last one is cut.
+  void Check(size_t count, const LineReader& reader, std::string_view what,
+             const std::string& source) const {
+    if (!count_) return;
+    if (count < *count_ || !reader.ends_in_newline()) {
+      ThrowInputError("{}: promises {} {} and ends after {}: cut short", source, *count_, what,
+                      count);
+    }
+  }
+
+ private:
+  std::optional<size_t> count_;
 };
 
 }  // namespace s3lam::internal

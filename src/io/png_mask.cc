@@ -4,6 +4,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 
+#include "image_decode.h"
 #include "s3lam/base/error.h"
 #include "s3lam/io/file.h"
 
@@ -52,16 +53,7 @@ std::string_view PngPalette(std::string_view bytes) {
 
 cv::Mat DecodePngMask(std::string_view bytes, const std::string& source) {
   CheckPngIsComplete(bytes, source);
-  const cv::Mat buffer(1, static_cast<int>(bytes.size()), CV_8U,
-                       const_cast<char*>(bytes.data()));  // NOLINT: imdecode only reads it.
-  cv::Mat image;
-  try {
-    image = cv::imdecode(buffer, cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception& error) {
-    ThrowInputError("{}: cannot decode PNG: {}", source, error.err);
-  }
-  if (image.empty()) ThrowInputError("{}: damaged PNG file", source);
-  return image;
+  return internal::DecodeImage(bytes, cv::IMREAD_UNCHANGED, source);
 }
 
 cv::Mat ReadPngMask(const std::filesystem::path& path) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -20,6 +21,10 @@ int64_t RequireInteger(const json& object, const char* key, const std::string& w
   const auto it = object.find(key);
   if (it == object.end() || !it->is_number_integer()) {
     ThrowInputError("{}: '{}' is missing or not an integer", where, key);
+  }
+  constexpr auto kMax = static_cast<uint64_t>(std::numeric_limits<int64_t>::max());
+  if (it->is_number_unsigned() && it->get<uint64_t>() > kMax) {
+    ThrowInputError("{}: '{}' is too large", where, key);
   }
   return it->get<int64_t>();
 }

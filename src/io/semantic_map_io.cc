@@ -225,7 +225,8 @@ SemanticMap ReadSemanticMap(const std::filesystem::path& directory) {
     ThrowInputError("{}: 'format' is not '{}'", path.string(), kFormat);
   }
   if (const int version = fields.Int("version"); version != kVersion) {
-    ThrowInputError("{}: version {} is not known here (only {})", path.string(), version, kVersion);
+    ThrowInputError("{}: version {} is not known here (only {}); write it anew with s3-lift",
+                    path.string(), version, kVersion);
   }
   SemanticMap map;
   map.model_fingerprint = fields.String("model_fingerprint");

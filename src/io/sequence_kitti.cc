@@ -108,9 +108,14 @@ double ParseDate(LineParser parser) {
   int minute = 0;
   double second = 0.0;
   fields >> year >> month >> date >> hour >> minute >> second;
+  const bool is_read = !fields.fail() && fields.peek() == std::istringstream::traits_type::eof();
+  const bool is_clock = hour >= 0 && hour < 24 && minute >= 0 && minute < 60 && second >= 0.0 &&
+                        second < 61.0;  // Leap seconds.
+  const bool is_year = year >= 1970 && year < 10000;
   const std::chrono::year_month_day ymd{std::chrono::year(year), std::chrono::month(month),
                                         std::chrono::day(date)};
-  if (!fields || !ymd.ok()) parser.Fail("not a date and time: '{} {}'", day, clock);
+  if (!is_read || !is_clock || !is_year || !ymd.ok())
+    parser.Fail("not a date and time: '{} {}'", day, clock);
   const auto since_1970 = std::chrono::sys_days(ymd).time_since_epoch();
   const double days =
       static_cast<double>(std::chrono::duration_cast<std::chrono::hours>(since_1970).count());

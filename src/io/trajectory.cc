@@ -77,11 +77,13 @@ int NumColumns(const std::string& content, const std::string& source) {
 
 Trajectory ReadTumTrajectory(std::istream& stream, const std::string& source) {
   LineReader reader(stream, source);
+  internal::PromisedCount promised;
   Trajectory trajectory;
-  while (reader.NextData()) {
+  while (reader.NextData(promised)) {
     LineParser parser = reader.Parser();
     Append(ParseTumPose(parser), parser, trajectory);
   }
+  promised.Check(trajectory.size(), reader, "poses", source);
   CheckNotEmpty(trajectory, source);
   return trajectory;
 }
@@ -121,7 +123,9 @@ Trajectory ReadTrajectory(const std::filesystem::path& path) {
 }
 
 void WriteTumTrajectory(const Trajectory& trajectory, std::ostream& stream) {
-  stream << "# time_s tx ty tz qx qy qz qw (world_from_camera)\n";
+  // The count first, so that a file cut before it is not taken for one without it.
+  stream << "# Number of poses: " << trajectory.size()
+         << "\n# time_s tx ty tz qx qy qz qw (world_from_camera)\n";
   for (const TimedPose& pose : trajectory) {
     const Eigen::Vector3d& t = pose.world_from_camera.translation;
     const Eigen::Quaterniond& q = pose.world_from_camera.rotation;

@@ -11,6 +11,7 @@
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/progress.h"
+#include "s3lam/base/signal_watch.h"
 #include "s3lam/base/version.h"
 #include "s3lam/io/file.h"
 
@@ -72,8 +73,19 @@ void PrintHelp(const Program& program, const po::options_description& all) {
   if (!program.option_help.empty()) {
     text << "\nConfiguration (--config, --set), with defaults:\n" << program.option_help;
   }
-  text << "\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.\n";
+  text << "\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 and 143 ended by SIGINT "
+          "or "
+          "SIGTERM.\nSIGUSR1 prints what is being done.\n";
   std::cout << text.str();
+}
+
+/// One line: names of files may have line breaks in them, or sequences that a terminal obeys.
+std::string OneLine(std::string text) {
+  while (!text.empty() && text.back() == '\n') text.pop_back();
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
 }
 
 int RunParsed(int argc, char** argv, const Program& program) {
@@ -102,7 +114,10 @@ int RunParsed(int argc, char** argv, const Program& program) {
   }
   const CommonArguments common = ParseCommon(arguments);
   InitLogging(common.quiet);
-  program.run(arguments, common);
+  {
+    const SignalWatch watch(program.name);
+    program.run(arguments, common);
+  }
   std::cout.flush();
   if (!std::cout) throw std::runtime_error("cannot write the report to standard output");
   return 0;
@@ -113,7 +128,7 @@ int RunParsed(int argc, char** argv, const Program& program) {
 int RunProgram(int argc, char** argv, const Program& program) {
   std::setlocale(LC_ALL, "C");
   const auto fail = [&](int code, const char* what) {
-    fmt::print(stderr, "{}: {}\n", program.name, what);
+    fmt::print(stderr, "{}: {}\n", program.name, OneLine(what));
     return code;
   };
   try {
@@ -125,7 +140,7 @@ int RunProgram(int argc, char** argv, const Program& program) {
   } catch (const InputError& error) {
     return fail(kBadInput, error.what());
   } catch (const std::bad_alloc&) {
-    return fail(kFailed, "out of memory");
+    return fail(kFailed, "out of memory: give it more (ulimit -v, container), or less to do");
   } catch (const std::exception& error) {
     return fail(kFailed, error.what());
   }
@@ -145,7 +160,10 @@ std::string Required(const po::variables_map& arguments, const std::string& name
 
 void PrintReport(const CommonArguments& common, const std::string& table,
                  const nlohmann::json& report) {
-  std::cout << (common.json ? report.dump(2) + "\n" : table);
+  // File names need not be UTF-8; JSON has to be.
+  using Json = nlohmann::json;
+  std::cout << (common.json ? report.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"
+                            : table);
 }
 
 }  // namespace s3lam::tools

@@ -5,6 +5,7 @@
 #include <iosfwd>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
+#include <string_view>
 
 namespace s3lam {
 
@@ -15,7 +16,13 @@ std::string ReadFile(const std::filesystem::path& path);
 /// path if anything fails, a full disk included.
 void WriteFile(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body);
 
-/// Throws InputError naming the path, and where parsing stopped.
+/// True for a name that stays in the folder it is relative to, and on one line: not empty, not
+/// absolute, no "..", no line break or zero byte. Other bytes are the file system's business: a
+/// name need not be UTF-8, and is made so where it is written into JSON.
+bool IsNameWithin(std::string_view name);
+
+/// Throws InputError naming the path, and where parsing stopped: not JSON, a number too large for a
+/// double, lists and objects nested deeper than 64.
 nlohmann::json ReadJson(const std::filesystem::path& path);
 
 /// Two-space indented, ending in a newline.

@@ -22,7 +22,8 @@ Trajectory ReadKittiTrajectory(std::istream& stream, const std::string& source,
 /// Reads either, told apart by the number of columns.
 Trajectory ReadTrajectory(const std::filesystem::path& path);
 
-/// Writes TUM with full precision, single spaces, and a comment line naming the columns.
+/// Writes TUM with full precision, single spaces, and comment lines with the number of poses, by
+/// which the reader notices a file that was cut short, and the names of the columns.
 void WriteTumTrajectory(const Trajectory& trajectory, std::ostream& stream);
 void WriteTumTrajectory(const Trajectory& trajectory, const std::filesystem::path& path);
 
