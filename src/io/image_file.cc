@@ -41,39 +41,45 @@ std::optional<cv::Size> PngSize(std::string_view bytes) {
   return cv::Size(big_endian(16), big_endian(20));
 }
 
-/// Bytes that the pixels of a PNG take before compression.
-uint64_t PngRawSize(std::string_view bytes, cv::Size size) {
+/// Bits of a pixel of a PNG before compression; 1, the least, if the header is not valid.
+uint64_t PngBitsPerPixel(std::string_view bytes) {
   constexpr std::array<uint64_t, 7> kChannels = {1, 1, 3, 1, 2, 1, 4};  // By colour type.
-  if (bytes.size() < 26) return 0;
-  const auto bit_depth = static_cast<uint8_t>(bytes[24]);
-  const auto colour_type = static_cast<uint8_t>(bytes[25]);
-  if (bit_depth > 16 || colour_type >= kChannels.size()) return 0;  // The decoder refuses it.
-  const auto width = static_cast<uint64_t>(size.width);
-  return static_cast<uint64_t>(size.height) * (width * kChannels[colour_type] * bit_depth / 8);
+  constexpr size_t kBitDepthAt = 24;
+  constexpr size_t kColourTypeAt = 25;
+  if (bytes.size() <= kColourTypeAt) return 1;
+  const auto bit_depth = static_cast<uint8_t>(bytes[kBitDepthAt]);
+  const auto colour_type = static_cast<uint8_t>(bytes[kColourTypeAt]);
+  if (bit_depth == 0 || bit_depth > 16 || colour_type >= kChannels.size()) return 1;
+  return kChannels[colour_type] * bit_depth;
 }
 
-/// Holds what a header claims against the size of the file, before a decoder takes the memory.
-void CheckClaimedSize(std::string_view bytes, const std::string& source) {
+/// The least that a file with this many pixels has to have [bytes].
+uint64_t LeastFileSize(std::string_view bytes, uint64_t num_pixels) {
   // Deflate codes at most 258 bytes in 2 bits. JPEG spends a bit or more on a block of 64 pixels,
   // which a subsampled channel spreads over a few times as many.
   constexpr uint64_t kMaxPngRatio = 1032;
   constexpr uint64_t kMaxJpegPixelsPerByte = 4096;
-  std::optional<cv::Size> size;
-  uint64_t least_bytes = 0;
-  if ((size = PngSize(bytes))) {
-    least_bytes = PngRawSize(bytes, *size) / kMaxPngRatio;
-  } else if (internal::IsJpeg(bytes) && (size = internal::JpegSize(bytes))) {
-    least_bytes = static_cast<uint64_t>(size->width) * static_cast<uint64_t>(size->height) /
-                  kMaxJpegPixelsPerByte;
-  }
+  if (internal::IsJpeg(bytes)) return num_pixels / kMaxJpegPixelsPerByte;
+  return num_pixels * PngBitsPerPixel(bytes) / 8 / kMaxPngRatio;
+}
+
+/// Holds what a header claims against the size of the file, before a decoder takes the memory.
+void CheckClaimedSize(std::string_view bytes, const std::string& source) {
+  constexpr uint64_t kMaxPixels = 1 << 30;  // OpenCV's own limit.
+  std::optional<cv::Size> size = PngSize(bytes);
+  if (!size && internal::IsJpeg(bytes)) size = internal::JpegSize(bytes);
   if (!size) return;
-  if (least_bytes > bytes.size()) {
+  const uint64_t num_pixels =
+      static_cast<uint64_t>(size->width) * static_cast<uint64_t>(size->height);
+  if (num_pixels > kMaxPixels) {
+    ThrowInputError("{}: an image of {} x {} px is too large (at most 2^30 px)", source,
+                    size->width, size->height);
+  }
+  if (LeastFileSize(bytes, num_pixels) > bytes.size()) {
     ThrowInputError("{}: {} bytes cannot be an image of {} x {} px: damaged", source, bytes.size(),
                     size->width, size->height);
   }
   constexpr uint64_t kBytesPerPixel = 4;
-  const uint64_t num_pixels =
-      static_cast<uint64_t>(size->width) * static_cast<uint64_t>(size->height);
   RequireMemory(kBytesPerPixel * num_pixels,
                 fmt::format("{}: an image of {} x {} px", source, size->width, size->height));
 }

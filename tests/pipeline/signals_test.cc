@@ -1,0 +1,121 @@
+// What signals do to a run: the output is the old one or the whole new one, and nothing lies about.
+
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <thread>
+
+#include "pipeline/program_test_support.h"
+
+namespace s3lam {
+namespace {
+
+using testing::kDone;
+using testing::Listing;
+using testing::ProgramResult;
+using testing::TempDir;
+
+constexpr auto kPoll = std::chrono::milliseconds(5);
+
+/// A program that runs beside the test, with its standard error in a file.
+class Running {
+ public:
+  Running(std::vector<std::string> words, const std::filesystem::path& errors) {
+    pid_ = fork();
+    if (pid_ != 0) return;
+    std::vector<char*> arguments;
+    for (std::string& word : words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    if (freopen(errors.c_str(), "w", stderr) != nullptr &&
+        freopen("/dev/null", "w", stdout) != nullptr) {
+      execv(arguments[0], arguments.data());
+    }
+    _exit(127);
+  }
+  void Send(int signal) const { kill(pid_, signal); }
+  /// The exit code, or minus the number of the signal that ended it.
+  [[nodiscard]] int Wait() const {
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+  }
+
+ private:
+  pid_t pid_ = -1;
+};
+
+class Signals : public ::testing::Test {
+ protected:
+  /// A run that takes long, under way: its folder beside the output is there.
+  [[nodiscard]] Running Start() const {
+    const std::filesystem::path program = std::filesystem::path(S3LAM_TEST_BIN_DIR) / "s3-synth";
+    Running running({program.string(), "--quiet", "--scene", "room", "--threads", "2", "--output",
+                     (place_ / "place/out").string(), "--overwrite"},
+                    errors());
+    while (Staging().empty()) std::this_thread::sleep_for(kPoll);
+    return running;
+  }
+  /// The names of unfinished outputs.
+  [[nodiscard]] std::vector<std::string> Staging() const {
+    std::vector<std::string> names = Listing(place_ / "place");
+    std::erase_if(names, [](const std::string& name) { return !name.starts_with(".out.tmp-"); });
+    return names;
+  }
+  [[nodiscard]] std::filesystem::path errors() const { return place_ / "errors"; }
+  void SetUp() override { place_.Write("place/out/old.txt", "old"); }
+  TempDir place_;
+};
+
+TEST_F(Signals, InterruptKeepsTheOldOutputAndLeavesNothing) {
+  for (const auto& [signal, code] : {std::pair(SIGINT, 130), std::pair(SIGTERM, 143)}) {
+    const Running running = Start();
+    running.Send(signal);
+    EXPECT_EQ(running.Wait(), code);
+    EXPECT_THAT(testing::FileBytes(errors()), ::testing::StartsWith("s3-synth: ended by SIG"));
+    EXPECT_THAT(Listing(place_ / "place"), ::testing::ElementsAre("out"));
+    EXPECT_THAT(Listing(place_ / "place/out"), ::testing::ElementsAre("old.txt"));
+  }
+}
+
+TEST_F(Signals, UserSignalTellsTheProgress) {
+  const Running running = Start();
+  running.Send(SIGUSR1);
+  while (testing::FileBytes(errors()).find('\n') == std::string::npos) {
+    std::this_thread::sleep_for(kPoll);
+  }
+  EXPECT_THAT(testing::FileBytes(errors()), ::testing::StartsWith("s3-synth: "));
+  running.Send(SIGTERM);
+  EXPECT_EQ(running.Wait(), 143);
+}
+
+TEST_F(Signals, NextRunRemovesWhatAKilledOneLeft) {
+  Running running = Start();
+  running.Send(SIGKILL);
+  EXPECT_EQ(running.Wait(), -SIGKILL);
+  EXPECT_EQ(Staging().size(), 1u);
+  EXPECT_THAT(Listing(place_ / "place/out"), ::testing::ElementsAre("old.txt"));
+
+  const ProgramResult result =
+      testing::RunTool("s3-synth", {"--scene", "posters", "--frames", "2", "--output",
+                                    (place_ / "place/out").string(), "--overwrite"});
+  EXPECT_EQ(result.exit_code, kDone) << result.errors;
+  EXPECT_THAT(Listing(place_ / "place"), ::testing::ElementsAre("out"));
+  EXPECT_THAT(Listing(place_ / "place/out"), ::testing::Contains("groundtruth.txt"));
+}
+
+TEST_F(Signals, ARunThatGoesOnIsLeftAlone) {
+  const Running running = Start();
+  const ProgramResult result =
+      testing::RunTool("s3-synth", {"--scene", "posters", "--frames", "2", "--output",
+                                    (place_ / "place/out").string(), "--overwrite"});
+  EXPECT_EQ(result.exit_code, kDone) << result.errors;
+  EXPECT_EQ(Staging().size(), 1u);
+  running.Send(SIGINT);
+  EXPECT_EQ(running.Wait(), 130);
+  EXPECT_THAT(Listing(place_ / "place/out"), ::testing::Contains("groundtruth.txt"));
+}
+
+}  // namespace
+}  // namespace s3lam
