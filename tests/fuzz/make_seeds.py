@@ -3,10 +3,12 @@
 
   make_seeds.py OUTPUT_DIR
 """
+import io
 import json
 import os
 import struct
 import sys
+import zipfile
 import zlib
 
 
@@ -58,6 +60,16 @@ def npy(dtype, order, shape, data, version=(1, 0)):
     header = f"{{'descr': '{dtype}', 'fortran_order': {order}, 'shape': {shape}, }}"
     header += " " * (-(10 + len(header) + 1) % 64) + "\n"
     return b"\x93NUMPY" + bytes(version) + struct.pack("<H", len(header)) + header.encode() + data
+
+
+def npz(dtype, data, method=zipfile.ZIP_DEFLATED):
+    """Probabilities of three classes in an image of 1 x 2 pixels."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", method) as archive:
+        entry = zipfile.ZipInfo("probabilities.npy")
+        entry.compress_type = method
+        archive.writestr(entry, npy(dtype, False, (3, 1, 2), data))
+    return file.getvalue()
 
 
 def png(width, height, bits, colour_type, rows, extra=b""):
@@ -176,6 +188,20 @@ SEEDS = {
                   b"]" * 50 + b"}]}]}"},
     "coco_png": PNGS,
     "kitti_step_png": PNGS,
+    "cityscapes_png": PNGS | {"ids": png(2, 1, 16, 0, [struct.pack(">HH", 7, 1001)])},
+    "labels_png": PNGS,
+    "divisor_npy": {"int32": npy("<i4", False, (2, 2), struct.pack("<4i", 7000, 1001, -1, 0)),
+                    "version_2": npy("<i2", False, (1, 1), bytes(2), (2, 0))},
+    "volume_npz": {"float": npz("<f4", struct.pack("<6f", 1, 0, 0, 1, 0, 0)),
+                   "stored": npz("|u1", bytes([255, 0, 0, 255, 0, 0]), zipfile.ZIP_STORED)},
+    "segments_json": {"detectron": text({"segments_info": [
+        {"id": 1, "category_id": 1, "score": 0.5}, {"id": 263, "category_id": 7}]}),
+        "hugging_face": text({"segments_info": [
+            {"id": 1, "label_id": 1, "was_fused": False,
+             "distribution": {"1": 0.75, "7": 0.25}}, {"id": 263, "label_id": 7}]})},
+    "label_map": {"json": text({"1": 7, "2": None})},
+    "observations": {"two": b"S3OBSV01" + counted(
+        [struct.pack("<dIQQfff", t, 1, 1, 7, 1.5, 2.5, 0.5) for t in (0.0, 0.5)])},
     "image_file": PNGS | NETPBM | {"jpeg": JPEG},
     "tum_list": {"three": b"# t path\n0.1 rgb/0.png\n0.2 rgb/1.png\n0.3 rgb/2.png\n",
                  "escapes": b"0.1 ../rgb/0.png\n0.2 rgb/1.png\n"},

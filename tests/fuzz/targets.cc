@@ -13,8 +13,10 @@
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
+#include "s3lam/io/frame_observations.h"
 #include "s3lam/io/image_file.h"
 #include "s3lam/io/image_sequence.h"
+#include "s3lam/io/label_map.h"
 #include "s3lam/io/npy.h"
 #include "s3lam/io/panoptic_masks.h"
 #include "s3lam/io/semantic_map_io.h"
@@ -237,6 +239,40 @@ void KittiStepPng(std::string_view bytes) {
   folder.Read(MaskFormat::kKittiStep);
 }
 
+/// A folder whose one mask is the input, in a format that needs no JSON.
+template <MaskFormat format>
+void SingleMask(std::string_view bytes, const char* name) {
+  static const testing::TempDir scratch;
+  scratch.Write(name, bytes);
+  const PanopticMasks masks(scratch.path(), format, {}, SmallTable());
+  const PanopticFrame frame = masks.Read(0);
+  Require(frame.segment_ids.size() > 0, "a mask has pixels");
+}
+void CityscapesPng(std::string_view bytes) { SingleMask<MaskFormat::kCityscapes>(bytes, "a.png"); }
+void LabelsPng(std::string_view bytes) { SingleMask<MaskFormat::kLabels>(bytes, "a.png"); }
+void DivisorNpy(std::string_view bytes) { SingleMask<MaskFormat::kLabelDivisor>(bytes, "a.npy"); }
+void VolumeNpz(std::string_view bytes) { SingleMask<MaskFormat::kProbabilities>(bytes, "a.npz"); }
+
+/// A PNG of the segments 1 and 263 and the JSON beside it, which is the input.
+void SegmentsJson(std::string_view bytes) {
+  static const testing::TempDir scratch;
+  scratch.Write("a.png", MaskFolder::PngOfTwoSegments());
+  scratch.Write("a.json", bytes);
+  const PanopticMasks masks(scratch.path(), MaskFormat::kSegments, {}, SmallTable());
+  Require(masks.Read(0).segment_ids.size() > 0, "a mask has pixels");
+}
+
+void LabelMapJson(std::string_view bytes) {
+  Require(!ReadLabelMap(PathOf(bytes)).IsIdentity(), "a label map is not empty");
+}
+
+void Observations(std::string_view bytes) {
+  std::istringstream stream{std::string(bytes)};
+  std::ostringstream written;
+  WriteFrameObservations(ReadFrameObservations(stream, "input"), written);
+  Require(written.str() == bytes, "observations are written as they were read");
+}
+
 void ImageFileBytes(std::string_view bytes) {
   const fs::path path = PathOf(bytes);
   const cv::Mat image = ReadImageFile(path, cv::IMREAD_ANYCOLOR);
@@ -332,6 +368,13 @@ constexpr std::array kTargets = {
     Target{"coco_json", CocoJson},
     Target{"coco_png", CocoPng},
     Target{"kitti_step_png", KittiStepPng},
+    Target{"cityscapes_png", CityscapesPng},
+    Target{"labels_png", LabelsPng},
+    Target{"divisor_npy", DivisorNpy},
+    Target{"volume_npz", VolumeNpz},
+    Target{"segments_json", SegmentsJson},
+    Target{"label_map", LabelMapJson},
+    Target{"observations", Observations},
     Target{"image_file", ImageFileBytes},
     Target{"tum_list", TumList},
     Target{"kitti_times", KittiTimes},
