@@ -34,8 +34,9 @@ constexpr const char* kDescription =
     "        --model and --semantics best) against known ones, in the alignment of the "
     "trajectory.\n"
     "--model, --other-model       camera poses of two COLMAP models of the same images.\n\n"
-    "Trajectories are TUM (time tx ty tz qx qy qz qw) or KITTI (3x4 matrices) files,\n"
-    "world_from_camera. Lengths are in the ground truth's unit. Prints a table, or JSON.";
+    "Reads trajectories as TUM (time tx ty tz qx qy qz qw) or KITTI (3x4 matrices) files,\n"
+    "world_from_camera. Writes a table, or JSON, to standard output; lengths are in the ground\n"
+    "truth's unit.";
 
 struct EvalOptions {
   TrajectoryErrorOptions trajectory;

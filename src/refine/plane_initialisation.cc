@@ -15,8 +15,14 @@ namespace {
 constexpr double kMedianOfAbsoluteUnitNormal = 0.6744897501960817;
 /// Rounds of InitialisePlanes, and how near [sigma] to its plane a point must be to speak for
 /// kappa.
-constexpr int kInitialRounds = 5;
+constexpr int kInitialRounds = 6;
+/// The first rounds bring a plane to where its points are, wherever it was handed over: only then
+/// is it asked whether they are near enough.
+constexpr int kFreeRounds = 3;
 constexpr double kKappaGate = 3.0;
+
+constexpr double kLeastRoom = 3.0;
+constexpr double kNoLimit = 1e9;
 
 struct KappaSample {
   double squared_distance, triangulation_variance, squared_unit;
@@ -33,23 +39,22 @@ double MedianSigmas(const std::vector<KappaSample>& samples, double kappa) {
 }
 
 /// The median falls as kappa grows: bisection.
-double SolveKappa(const std::vector<KappaSample>& samples, double min_kappa) {
-  constexpr double kMaxKappa = 1e9;
+double SolveKappa(const std::vector<KappaSample>& samples, double min_kappa, double max_kappa) {
   double low = min_kappa;
   if (samples.empty() || MedianSigmas(samples, low) <= kMedianOfAbsoluteUnitNormal) return low;
   double high = low;
   do {
     high *= 2.0;
-  } while (MedianSigmas(samples, high) > kMedianOfAbsoluteUnitNormal && high < kMaxKappa);
+  } while (MedianSigmas(samples, high) > kMedianOfAbsoluteUnitNormal && high < max_kappa);
   for (int step = 0; step < 30; ++step) {
     const double middle = 0.5 * (low + high);
     (MedianSigmas(samples, middle) > kMedianOfAbsoluteUnitNormal ? low : high) = middle;
   }
-  return high;
+  return std::min(high, max_kappa);
 }
 
-void EstimateKappa(double min_kappa, double sigma_px, const BundleProblem& problem,
-                   PlaneModel& model) {
+void EstimateKappa(const PlaneSigmaOptions& options, bool is_free, double sigma_px,
+                   const BundleProblem& problem, PlaneModel& model) {
   std::vector<std::vector<KappaSample>> samples(model.kappa_of_class.size());
   for (size_t k = 0; k < model.planes.size(); ++k) {
     const int plane = static_cast<int>(k);
@@ -61,7 +66,13 @@ void EstimateKappa(double min_kappa, double sigma_px, const BundleProblem& probl
     }
   }
   for (size_t c = 0; c < samples.size(); ++c) {
-    if (!samples[c].empty()) model.kappa_of_class[c] = SolveKappa(samples[c], min_kappa);
+    if (samples[c].empty()) continue;
+    // Where keypoints themselves are that uncertain, the limit still leaves room for what they
+    // miss.
+    const double max_kappa =
+        is_free ? kNoLimit
+                : std::max(kLeastRoom * options.min_kappa, options.max_roughness_px / sigma_px);
+    model.kappa_of_class[c] = SolveKappa(samples[c], options.min_kappa, max_kappa);
   }
   for (PlaneState& plane : model.planes) plane.kappa = model.kappa_of_class[plane.class_index];
 }
@@ -147,9 +158,10 @@ void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& 
                       BundleProblem& problem) {
   GateMembers(options.sigma, sigma_px, std::numeric_limits<double>::infinity(), problem, model);
   for (int round = 0; round < kInitialRounds; ++round) {
-    EstimateKappa(options.sigma.min_kappa, sigma_px, problem, model);
+    const bool is_free = round < kFreeRounds;
+    EstimateKappa(options.sigma, is_free, sigma_px, problem, model);
     GateMembers(options.sigma, sigma_px, options.membership.max_sigma, problem, model);
-    DropBentParts(options, sigma_px, &PlaneState::members, problem, model);
+    if (!is_free) DropBentParts(options, sigma_px, &PlaneState::members, problem, model);
     RefitPlanes(options.sigma, sigma_px, false, model, problem);
     GateMembers(options.sigma, sigma_px, kKappaGate, problem, model);
   }

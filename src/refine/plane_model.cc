@@ -93,6 +93,11 @@ void PlaneSigmaOptions::Visit(OptionVisitor& v) {
            "sigma of a point-plane distance: kappa x sigma_px x depth / f with kappa measured per "
            "class, alpha x median depth, or metres");
   v.Value("min_kappa", min_kappa, "least kappa of a class (kind pixel)", 1e-6, 1e6);
+  v.Value("max_roughness_px", max_roughness_px,
+          "kappa x sigma_px is no larger than this (or three sigma_px): what departs more from a "
+          "plane is not on it "
+          "(kind pixel) [px]",
+          1e-6, 1e6);
   v.Value("alpha", alpha, "part of the map's median depth (kind relative_depth)", 1e-9, 1e3);
   v.Value("metres", metres, "sigma (kind metric) [m]", 1e-9, 1e3);
   v.Value("metres_per_unit", metres_per_unit, "length of a map unit (kind metric) [m]", 1e-9, 1e9);
@@ -167,6 +172,14 @@ double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, dou
       break;
   }
   return plane.kappa * sigma_px * model.pixel_size[point];
+}
+
+double TermSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
+                 const PlaneState& plane, int point) {
+  if (options.kind != PlaneSigmaKind::kPixel) {
+    return PlaneSigma(options, model, sigma_px, plane, point);
+  }
+  return options.min_kappa * sigma_px * model.pixel_size[point];
 }
 
 std::vector<UncertainPoint> UncertainPoints(const PlaneSigmaOptions& options, double sigma_px,
@@ -255,7 +268,7 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
     for (const int i : state.members) {
       const double strength = state.is_ground ? model.ground_strength : 1.0;
       problem.points_on_planes.push_back(
-          {i, static_cast<int>(k), PlaneSigma(sigma, model, sigma_px, state, i) / strength});
+          {i, static_cast<int>(k), TermSigma(sigma, model, sigma_px, state, i) / strength});
     }
   }
   std::sort(problem.points_on_planes.begin(), problem.points_on_planes.end(),

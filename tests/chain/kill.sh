@@ -26,8 +26,8 @@ stage() {  # The command line of a stage, but for its output.
   command+=("${common[@]}" --overwrite --output "$2")
 }
 
-digest() {  # Of all files but the report, which has times.
-  (cd "$1" && find . -type f ! -name report.json -print0 | sort -z | xargs -0 sha256sum | sha256sum)
+digest() {  # Of all files but the reports, which have times.
+  (cd "$1" && find . -type f ! -name "report.*" -print0 | sort -z | xargs -0 sha256sum | sha256sum)
 }
 
 failed=0
