@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <clocale>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <new>
@@ -140,7 +141,9 @@ int RunProgram(int argc, char** argv, const Program& program) {
   } catch (const InputError& error) {
     return fail(kBadInput, error.what());
   } catch (const std::bad_alloc&) {
-    return fail(kFailed, "out of memory: give it more (ulimit -v, container), or less to do");
+    fail(kFailed, "out of memory: give it more (ulimit -v, container), or less to do");
+    // Not by way of exit handlers: OpenBLAS's waits for threads that try for memory for ever.
+    std::_Exit(kFailed);
   } catch (const std::exception& error) {
     return fail(kFailed, error.what());
   }

@@ -1,0 +1,211 @@
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+
+#include "s3lam/eval/trajectory_error.h"
+#include "s3lam/slam/pipeline.h"
+#include "s3lam/synthetic/render.h"
+
+/// Sequences as people record them: something is in the way, missing or repeated. Whatever comes
+/// out must be right; what is lost must be said.
+namespace s3lam {
+namespace {
+
+struct Frame {
+  cv::Mat image;
+  Rigid3 world_from_camera;
+};
+using Frames = std::vector<Frame>;
+
+/// A quarter of the pixels, so that the tests are quick.
+Scene MakeSmallScene(const std::string& name, uint64_t seed) {
+  SceneOptions options;
+  options.speed = 2.0;
+  Scene scene = MakeScene(name, seed, options);
+  scene.camera.width /= 2;
+  scene.camera.height /= 2;
+  for (size_t i = 0; i < 4; ++i) scene.camera.params[i] /= 2.0;
+  scene.imaging.color = false;
+  return scene;
+}
+
+Frames RenderAll(const Scene& scene, int num_frames) {
+  const Renderer renderer(scene, 2);
+  Frames frames;
+  for (int i = 0; i < num_frames; ++i) {
+    const RenderedFrame rendered = renderer.Render(i);
+    frames.push_back({rendered.image, rendered.world_from_camera});
+  }
+  return frames;
+}
+
+struct Scenes {
+  Scene room = MakeSmallScene("room", 3);
+  Frames walk = RenderAll(room, 150);
+};
+const Scenes& Rendered() {
+  static const Scenes scenes;
+  return scenes;
+}
+
+slam::Result RunOn(const Camera& camera, const Frames& frames) {
+  slam::Input input;
+  input.camera = camera;
+  for (size_t i = 0; i < frames.size(); ++i) {
+    input.times_s.push_back(static_cast<double>(i) / 30.0);
+    input.names.push_back(fmt::format("{:06}.png", i));
+  }
+  input.read_gray = [&](size_t i) { return frames[i].image.clone(); };
+  input.read_color = input.read_gray;
+  slam::Options options;
+  options.num_threads = 2;
+  return slam::Run(options, input);
+}
+slam::Result RunOn(const Frames& frames) { return RunOn(Rendered().room.camera, frames); }
+
+/// Every map is right within itself, no frame is in two, and the stretches tell of all frames.
+/// Trajectories of one place are not compared: what does not move has no shape.
+void ExpectHonest(const slam::Result& result, const Frames& frames) {
+  Trajectory truth;
+  for (size_t i = 0; i < frames.size(); ++i) {
+    truth.push_back({static_cast<double>(i) / 30.0, frames[i].world_from_camera});
+  }
+  size_t localized = 0;
+  for (const slam::Model& model : result.models) {
+    localized += model.frames.size();
+    const auto errors = CompareTrajectories(model.frames, truth, {.max_dt_s = 0.001});
+    ASSERT_TRUE(errors.has_value());
+    EXPECT_LT(errors->ate_translation.rmse, 0.01 * errors->path_length)
+        << model.frames.size() << " frames";
+  }
+  EXPECT_LE(localized, frames.size());
+  const auto marked = std::count_if(result.report.frames.begin(), result.report.frames.end(),
+                                    [](const auto& frame) { return frame.localized(); });
+  EXPECT_EQ(static_cast<size_t>(marked), localized);
+  int next = 0;
+  for (const slam::StretchReport& stretch : result.report.stretches) {
+    EXPECT_EQ(stretch.first_frame, next);
+    next = stretch.last_frame + 1;
+  }
+  EXPECT_EQ(next, static_cast<int>(frames.size()));
+}
+
+int CountLocalized(const slam::Result& result) {
+  return static_cast<int>(std::count_if(result.report.frames.begin(), result.report.frames.end(),
+                                        [](const auto& frame) { return frame.localized(); }));
+}
+
+TEST(HardSequence, AJumpIsBridgedWhereTheViewsOverlapAndElseMakesAMapOfItsOwn) {
+  Frames frames = Rendered().walk;
+  frames.erase(frames.begin() + 60, frames.begin() + 100);
+  const slam::Result result = RunOn(frames);
+  ExpectHonest(result, frames);
+  EXPECT_GE(CountLocalized(result), 105);
+  EXPECT_LE(result.models.size(), 2U);
+}
+
+TEST(HardSequence, AStopAndADuplicateAreNoMotion) {
+  Frames frames(Rendered().walk.begin(), Rendered().walk.begin() + 100);
+  const Frame stop = frames[60];
+  frames.insert(frames.begin() + 60, 40, stop);
+  frames.insert(frames.begin() + 20, frames[20]);
+  const slam::Result result = RunOn(frames);
+  ExpectHonest(result, frames);
+  EXPECT_EQ(CountLocalized(result), static_cast<int>(frames.size()));
+  EXPECT_EQ(result.models.size(), 1U);
+}
+
+TEST(HardSequence, FramesOutOfOrderAreRecognised) {
+  Frames frames(Rendered().walk.begin(), Rendered().walk.begin() + 120);
+  std::swap(frames[30], frames[50]);
+  std::rotate(frames.begin() + 70, frames.begin() + 85, frames.begin() + 100);
+  const slam::Result result = RunOn(frames);
+  ExpectHonest(result, frames);
+  EXPECT_GE(CountLocalized(result), 115);
+  EXPECT_EQ(result.models.size(), 1U);
+}
+
+TEST(HardSequence, StrongChangesOfExposureAreFollowed) {
+  Frames frames(Rendered().walk.begin(), Rendered().walk.begin() + 120);
+  for (size_t i = 40; i < frames.size(); ++i) {
+    const double gain = i < 70 ? 0.35 : i < 90 ? 1.0 : 1.7;
+    cv::Mat changed;
+    frames[i].image.convertTo(changed, -1, gain);
+    frames[i].image = changed;
+  }
+  const slam::Result result = RunOn(frames);
+  ExpectHonest(result, frames);
+  EXPECT_GE(CountLocalized(result), 115);
+  EXPECT_EQ(result.models.size(), 1U);
+}
+
+TEST(HardSequence, TwoSequencesInOneFolderGiveTwoMaps) {
+  Frames frames(Rendered().walk.begin(), Rendered().walk.begin() + 80);
+  Scene other = MakeSmallScene("posters", 8);
+  other.camera = Rendered().room.camera;
+  const Frames more = RenderAll(other, 80);
+  frames.insert(frames.end(), more.begin(), more.end());
+  const slam::Result result = RunOn(frames);
+  ASSERT_EQ(result.models.size(), 2U);
+  ExpectHonest(result, frames);
+  EXPECT_GE(CountLocalized(result), 155);
+  for (int i = 0; i < 160; ++i) {
+    const slam::FrameReport& frame = result.report.frames[static_cast<size_t>(i)];
+    const int map_of_part = result.report.frames[i < 80 ? 40U : 120U].map;
+    EXPECT_TRUE(!frame.localized() || frame.map == map_of_part) << i;
+  }
+  EXPECT_NE(result.report.frames[40].map, result.report.frames[120].map);
+}
+
+/// The room's path with a stop of the position at each of `stops` (shares of the way), where the
+/// camera turns by `turn_rad` and back.
+Scene WithTurn(double stop, double turn_rad) {
+  Scene scene = MakeSmallScene("room", 3);
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<Eigen::Vector3d> targets;
+  const auto add = [&](double time_s, double yaw) {
+    const Rigid3 pose = scene.path.WorldFromCamera(time_s);
+    const Eigen::Vector3d forward = Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()) *
+                                    (pose.rotation * Eigen::Vector3d::UnitZ());
+    positions.push_back(pose.translation);
+    targets.emplace_back(pose.translation + 2.0 * forward);
+  };
+  constexpr int kKnots = 12;
+  constexpr int kTurnKnots = 12;
+  const int stop_knot = static_cast<int>(stop * kKnots);
+  for (int i = 0; i < kKnots; ++i) {
+    const double time_s = 0.2 * i;
+    if (i == stop_knot) {
+      for (int k = 0; k < 3; ++k) add(time_s, 0.0);
+      for (int k = 0; k <= kTurnKnots; ++k) {
+        add(time_s, turn_rad * std::sin(std::numbers::pi * k / kTurnKnots));
+      }
+      for (int k = 0; k < 2; ++k) add(time_s, 0.0);
+    }
+    add(time_s, 0.0);
+  }
+  const double duration_s = 0.2 * static_cast<double>(positions.size());
+  scene.path = CameraPath(positions, targets, duration_s, Shake{}, 1);
+  scene.num_frames = static_cast<int>(duration_s * scene.fps);
+  return scene;
+}
+
+class Turn : public ::testing::TestWithParam<std::pair<double, double>> {};
+INSTANTIATE_TEST_SUITE_P(HardSequence, Turn,
+                         ::testing::Values(std::pair(0.5, 0.4), std::pair(0.5, 1.5)));
+
+TEST_P(Turn, OnTheSpotIsNotTakenForAMotion) {
+  const auto [stop, turn_rad] = GetParam();
+  const Scene scene = WithTurn(stop, turn_rad);
+  const Frames frames = RenderAll(scene, scene.num_frames);
+  const slam::Result result = RunOn(scene.camera, frames);
+  ExpectHonest(result, frames);
+  EXPECT_GE(CountLocalized(result), static_cast<int>(frames.size()) / 2);
+  EXPECT_EQ(result.models.size(), 1U);
+}
+
+}  // namespace
+}  // namespace s3lam
