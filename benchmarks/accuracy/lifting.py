@@ -500,8 +500,8 @@ def run_cameras(arguments, results):
 
 
 def run_cost(arguments, results):
-    """Wall time of s3-lift over that of a program that only decodes the same masks, and its memory
-    with half and with all of the images; alternately, the median of each."""
+    """Wall time of s3-lift over that of a program that only decodes the same masks, alternately, the
+    median of each; and the peak of its memory."""
     folder = arguments.data / "redkitchen"
     model = (arguments.redkitchen_models or [folder / "colmap_model"])[0]
     images, _ = read_model(model)

@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <map>
 #include <numbers>
 #include <numeric>
@@ -115,18 +113,6 @@ std::optional<Eigen::Vector3d> BestPlace(const Observer& observer, const Rays& a
   if (!place || LargestAngle(rays, *place) < min_angle) return std::nullopt;
   if (FittingRays(observer, all, *place, max_error_px).size() <= more_than) return std::nullopt;
   return place;
-}
-
-int BitsApart(const BinaryDescriptor& a, const BinaryDescriptor& b) {
-  int distance = 0;
-  for (size_t i = 0; i < a.size(); i += sizeof(uint64_t)) {
-    uint64_t x = 0;
-    uint64_t y = 0;
-    std::memcpy(&x, a.data() + i, sizeof(x));
-    std::memcpy(&y, b.data() + i, sizeof(y));
-    distance += std::popcount(x ^ y);
-  }
-  return distance;
 }
 
 bool IsConstant(const BundleProblem& problem, size_t point) {
@@ -322,7 +308,7 @@ size_t MergePoints(const RetriangulationOptions& options, double sigma_px, Bundl
       const PointLook& a = map.looks[i];
       const PointLook& b = map.looks[j];
       if (distance_px > options.max_merge_px || a.group != b.group ||
-          BitsApart(a.descriptor, b.descriptor) > options.max_descriptor_distance) {
+          HammingDistance(a.descriptor, b.descriptor) > options.max_descriptor_distance) {
         return;
       }
       const auto place = CommonPlace(observer, map, ranges[i], ranges[j], kChi95TwoDof * sigma_px);

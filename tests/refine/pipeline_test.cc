@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "refine/refine_fixture.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/options_json.h"
 #include "s3lam/geometry/alignment.h"
@@ -9,26 +10,6 @@
 
 namespace s3lam::refine {
 namespace {
-
-SyntheticMap MakeMap(const std::vector<std::string>& assignments = {}) {
-  SyntheticMapOptions options;
-  options.num_images = 16;
-  options.num_points = 700;
-  options.max_track_window = 4;
-  options.pixel_sigma = 0.7;
-  options.point_sigma = 0.005;
-  options.center_sigma = 0.003;
-  options.rotation_sigma_deg = 0.1;
-  for (const std::string& assignment : assignments) SetOption(assignment, options);
-  return MakeSyntheticMap("desk", 3, options);
-}
-
-Input InputOf(const SyntheticMap& map) {
-  Input input;
-  input.model = map.estimate;
-  input.semantics = map.semantics;
-  return input;
-}
 
 Options WithMode(PlaneMode mode) {
   Options options;
@@ -45,17 +26,6 @@ std::vector<Eigen::Vector3d> Centers(const Reconstruction& model, const Reconstr
   return centers;
 }
 
-/// RMSE of camera centres after Sim(3) alignment with the truth [m].
-double Ate(const Reconstruction& model, const Reconstruction& truth) {
-  const auto a = Centers(truth, truth);
-  const auto b = Centers(model, truth);
-  const auto truth_from_model = AlignPoints(a, b);
-  EXPECT_TRUE(truth_from_model.has_value());
-  double sum = 0.0;
-  for (size_t i = 0; i < a.size(); ++i) sum += (a[i] - *truth_from_model * b[i]).squaredNorm();
-  return std::sqrt(sum / static_cast<double>(a.size()));
-}
-
 bool SameBytes(const Reconstruction& a, const Reconstruction& b) {
   if (a.points.size() != b.points.size() || a.images.size() != b.images.size()) return false;
   for (const auto& [id, image] : a.images) {
@@ -70,18 +40,18 @@ bool SameBytes(const Reconstruction& a, const Reconstruction& b) {
 }
 
 TEST(Refine, RecoversFromNoiseAndPlanesHelp) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   Output plain;
   Output fixed;
   Output joint;
-  refine::Run(WithMode(PlaneMode::kOff), InputOf(map), plain);
-  refine::Run(WithMode(PlaneMode::kFixed), InputOf(map), fixed);
-  const Report report = refine::Run(WithMode(PlaneMode::kJoint), InputOf(map), joint);
-  const double before = Ate(map.estimate, map.truth);
-  const double without_planes = Ate(plain.model, map.truth);
+  refine::Run(WithMode(PlaneMode::kOff), MakeInput(map), plain);
+  refine::Run(WithMode(PlaneMode::kFixed), MakeInput(map), fixed);
+  const Report report = refine::Run(WithMode(PlaneMode::kJoint), MakeInput(map), joint);
+  const double before = AlignedCenterError(map.estimate, map.truth);
+  const double without_planes = AlignedCenterError(plain.model, map.truth);
   EXPECT_LT(without_planes, 0.5 * before);
-  EXPECT_LT(Ate(fixed.model, map.truth), without_planes);
-  EXPECT_LT(Ate(joint.model, map.truth), without_planes);
+  EXPECT_LT(AlignedCenterError(fixed.model, map.truth), without_planes);
+  EXPECT_LT(AlignedCenterError(joint.model, map.truth), without_planes);
   ASSERT_EQ(report.arms.size(), 3u);
   EXPECT_LT(report.arms[2].plane_rms_sigma, 0.5 * report.arms[1].plane_rms_sigma);
   EXPECT_LT(report.arms[2].reprojection_rms_px, 1.1 * report.arms[1].reprojection_rms_px);
@@ -89,10 +59,10 @@ TEST(Refine, RecoversFromNoiseAndPlanesHelp) {
 }
 
 TEST(Refine, TheGaugeIsHeld) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   for (const PlaneMode mode : {PlaneMode::kOff, PlaneMode::kFixed, PlaneMode::kJoint}) {
     Output output;
-    const Report report = refine::Run(WithMode(mode), InputOf(map), output);
+    const Report report = refine::Run(WithMode(mode), MakeInput(map), output);
     EXPECT_LT(std::abs(report.gauge_scale_change), 1e-9);
     const Rigid3& before = map.estimate.images.begin()->second.cam_from_world;
     const Rigid3& after = output.model.images.begin()->second.cam_from_world;
@@ -104,9 +74,9 @@ TEST(Refine, TheGaugeIsHeld) {
 class RefineScaleTest : public ::testing::TestWithParam<double> {};
 
 TEST_P(RefineScaleTest, ScalingTheMapChangesNothingButTheScale) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   const double scale = GetParam();
-  Input scaled = InputOf(map);
+  Input scaled = MakeInput(map);
   const Similarity3 scaling{scale, Eigen::Quaterniond::Identity(), Eigen::Vector3d::Zero()};
   TransformReconstruction(scaling, scaled.model);
   for (auto& [id, plane] : scaled.semantics.planes) {
@@ -115,7 +85,8 @@ TEST_P(RefineScaleTest, ScalingTheMapChangesNothingButTheScale) {
   }
   Output reference;
   Output output;
-  const Report reference_report = refine::Run(WithMode(PlaneMode::kJoint), InputOf(map), reference);
+  const Report reference_report =
+      refine::Run(WithMode(PlaneMode::kJoint), MakeInput(map), reference);
   const Report report = refine::Run(WithMode(PlaneMode::kJoint), scaled, output);
   EXPECT_EQ(report.membership.members, reference_report.membership.members);
   const auto a = Centers(reference.model, map.truth);
@@ -127,12 +98,12 @@ TEST_P(RefineScaleTest, ScalingTheMapChangesNothingButTheScale) {
 INSTANTIATE_TEST_SUITE_P(Scales, RefineScaleTest, ::testing::Values(0.01, 100.0));
 
 TEST(Refine, OffAndWithoutPlanesAreTheSame) {
-  const SyntheticMap map = MakeMap();
-  Input without_planes = InputOf(map);
+  const SyntheticMap map = MakeDeskMap();
+  Input without_planes = MakeInput(map);
   without_planes.semantics = {};
   Output off;
   Output empty;
-  const Report off_report = refine::Run(WithMode(PlaneMode::kOff), InputOf(map), off);
+  const Report off_report = refine::Run(WithMode(PlaneMode::kOff), MakeInput(map), off);
   const Report empty_report = refine::Run(WithMode(PlaneMode::kJoint), without_planes, empty);
   EXPECT_TRUE(SameBytes(off.model, empty.model));
   EXPECT_TRUE(off_report.note.empty());
@@ -140,40 +111,41 @@ TEST(Refine, OffAndWithoutPlanesAreTheSame) {
 }
 
 TEST(Refine, TheSameInputGivesTheSameBytes) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   Output first;
   Output second;
-  refine::Run(Options(), InputOf(map), first);
-  refine::Run(Options(), InputOf(map), second);
+  refine::Run(Options(), MakeInput(map), first);
+  refine::Run(Options(), MakeInput(map), second);
   EXPECT_TRUE(SameBytes(first.model, second.model));
 }
 
 TEST(Refine, TheKeypointsSigmaIsMeasuredWhereItIsNotGiven) {
   for (const char* noise : {"pixel_sigma=0.3", "pixel_sigma=1.4"}) {
-    const SyntheticMap map = MakeMap({noise, "outlier_fraction=0.05"});
+    const SyntheticMap map = MakeDeskMap({noise, "outlier_fraction=0.05"});
     Output output;
-    const Report report = refine::Run(WithMode(PlaneMode::kOff), InputOf(map), output);
+    const Report report = refine::Run(WithMode(PlaneMode::kOff), MakeInput(map), output);
     const double sigma = std::stod(std::string(noise).substr(12));
     EXPECT_NEAR(report.keypoint_sigma_px, sigma, 0.25 * sigma);
     Options options = WithMode(PlaneMode::kOff);
     options.keypoint_sigma_px = 2.0;
-    EXPECT_EQ(refine::Run(options, InputOf(map), output).keypoint_sigma_px, 2.0);
+    EXPECT_EQ(refine::Run(options, MakeInput(map), output).keypoint_sigma_px, 2.0);
   }
 }
 
 TEST(Refine, WrongLabelsDoNoHarm) {
-  const SyntheticMap map = MakeMap({"wrong_label_fraction=0.3"});
+  const SyntheticMap map = MakeDeskMap({"wrong_label_fraction=0.3"});
   Output plain;
   Output planar;
-  refine::Run(WithMode(PlaneMode::kOff), InputOf(map), plain);
-  refine::Run(Options(), InputOf(map), planar);
-  EXPECT_LE(Ate(planar.model, map.truth), 1.05 * Ate(plain.model, map.truth));
+  refine::Run(WithMode(PlaneMode::kOff), MakeInput(map), plain);
+  refine::Run(Options(), MakeInput(map), planar);
+  EXPECT_LE(AlignedCenterError(planar.model, map.truth),
+            1.05 * AlignedCenterError(plain.model, map.truth));
 }
 
 TEST(Refine, OutlierObservationsAreDropped) {
-  const SyntheticMap map = MakeMap({"outlier_fraction=0.03"});
+  const SyntheticMap map = MakeDeskMap({"outlier_fraction=0.03"});
   Output output;
-  const Report report = refine::Run(Options(), InputOf(map), output);
+  const Report report = refine::Run(Options(), MakeInput(map), output);
   const double total = static_cast<double>(report.observations.total);
   EXPECT_GT(static_cast<double>(report.observations.outliers), 0.025 * total);
   EXPECT_LT(static_cast<double>(report.observations.outliers), 0.04 * total);
@@ -183,8 +155,8 @@ TEST(Refine, OutlierObservationsAreDropped) {
 }
 
 TEST(Refine, FramesFollowTheKeyframes) {
-  const SyntheticMap map = MakeMap();
-  Input input = InputOf(map);
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
   double time = 10.0;
   for (const auto& [id, image] : input.model.images) {
     input.image_times_s.push_back(time);
@@ -205,8 +177,8 @@ TEST(Refine, FramesFollowTheKeyframes) {
 
 /// Every second image is taken from the model and given as a frame with what it sees.
 TEST(Refine, FramesAreRefinedAgainstTheRefinedMap) {
-  const SyntheticMap map = MakeMap();
-  Input input = InputOf(map);
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
   input.semantics = {};
   double time = 10.0;
   std::vector<Eigen::Vector3d> truth;
@@ -268,23 +240,24 @@ SyntheticMap MakeDrive() {
 TEST(RefineCameraHeight, IsFoundAndMadeConstant) {
   const SyntheticMap map = MakeDrive();
   Output output;
-  const Report report = refine::Run(Options(), InputOf(map), output);
+  const Report report = refine::Run(Options(), MakeInput(map), output);
   ASSERT_TRUE(report.ground.in_use) << report.ground.reason;
   EXPECT_GT(report.ground.num_planes, 2u);
   EXPECT_LT(report.ground.spread_after, 0.01);
   Output plain;
-  refine::Run(WithMode(PlaneMode::kOff), InputOf(map), plain);
-  EXPECT_LT(Ate(output.model, map.truth), Ate(plain.model, map.truth));
+  refine::Run(WithMode(PlaneMode::kOff), MakeInput(map), plain);
+  EXPECT_LT(AlignedCenterError(output.model, map.truth),
+            AlignedCenterError(plain.model, map.truth));
 }
 
 TEST(RefineCameraHeight, AKnownHeightMakesTheOutputMetric) {
   const SyntheticMap map = MakeDrive();
   Options options;
   Output free;
-  const Report report = refine::Run(options, InputOf(map), free);
+  const Report report = refine::Run(options, MakeInput(map), free);
   options.camera_height.value = 3.0 * report.ground.height;
   Output metric;
-  EXPECT_NEAR(refine::Run(options, InputOf(map), metric).metres_per_unit, 3.0, 1e-9);
+  EXPECT_NEAR(refine::Run(options, MakeInput(map), metric).metres_per_unit, 3.0, 1e-9);
   const auto a = Centers(free.model, map.truth);
   const auto b = Centers(metric.model, map.truth);
   for (size_t i = 0; i < a.size(); ++i) EXPECT_LT((3.0 * a[i] - b[i]).norm(), 1e-9);
@@ -301,16 +274,16 @@ TEST(RefineCameraHeight, SwitchedOffOrWithoutItsClassItIsNotUsed) {
     Options options;
     SetOption(assignment, options);
     Output output;
-    EXPECT_FALSE(refine::Run(options, InputOf(map), output).ground.in_use) << assignment;
+    EXPECT_FALSE(refine::Run(options, MakeInput(map), output).ground.in_use) << assignment;
   }
 }
 
 TEST(RefineCameraHeight, AHandHeldCameraOverATableIsNotAVehicle) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   Options options;
   options.camera_height.ground_class = "dining table";
   Output output;
-  const Report report = refine::Run(options, InputOf(map), output);
+  const Report report = refine::Run(options, MakeInput(map), output);
   EXPECT_FALSE(report.ground.in_use);
   EXPECT_FALSE(report.ground.reason.empty());
 }
@@ -320,19 +293,19 @@ TEST(RefineBending, LongSurfacesOfBendingClassesAreCut) {
   Options options;
   options.camera_height.mode = CameraHeightMode::kOff;
   Output cut;
-  const Report report = refine::Run(options, InputOf(map), cut);
+  const Report report = refine::Run(options, MakeInput(map), cut);
   options.bending.classes.clear();
   Output whole;
-  const Report whole_report = refine::Run(options, InputOf(map), whole);
+  const Report whole_report = refine::Run(options, MakeInput(map), whole);
   EXPECT_EQ(whole_report.planes.size(), map.semantics.planes.size());
   EXPECT_GT(report.planes.size(), whole_report.planes.size());
 }
 
 TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   Options options;
   Output with;
-  const Report report = refine::Run(options, InputOf(map), with);
+  const Report report = refine::Run(options, MakeInput(map), with);
   size_t enforced = 0;
   for (const PlanePairReport& pair : report.pairs) {
     if (!pair.enforced) continue;
@@ -342,7 +315,7 @@ TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
   EXPECT_GT(enforced, 0u);
   options.relations.enabled = false;
   Output without;
-  for (const PlanePairReport& pair : refine::Run(options, InputOf(map), without).pairs) {
+  for (const PlanePairReport& pair : refine::Run(options, MakeInput(map), without).pairs) {
     EXPECT_FALSE(pair.enforced);
   }
 }
@@ -350,10 +323,10 @@ TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
 // ---- degenerate input: a clear error or a sound result ----
 
 TEST(RefineBadInput, NoImagesOrNoPointsOrOneImage) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   Output output;
   EXPECT_THROW(refine::Run(Options(), Input(), output), InputError);
-  Input no_points = InputOf(map);
+  Input no_points = MakeInput(map);
   no_points.semantics = {};
   no_points.model.points.clear();
   for (auto& [id, image] : no_points.model.images) image.points2D.clear();
@@ -373,7 +346,7 @@ Reconstruction FirstImages(const Reconstruction& model, size_t count) {
 }
 
 TEST(RefineBadInput, OneImageIsRefusedAndTwoAreEnough) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   Output output;
   Input one;
   one.model = FirstImages(map.estimate, 1);
@@ -387,8 +360,8 @@ TEST(RefineBadInput, OneImageIsRefusedAndTwoAreEnough) {
 }
 
 TEST(RefineBadInput, PointsBehindCamerasAreLeftOut) {
-  const SyntheticMap map = MakeMap();
-  Input input = InputOf(map);
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
   const Image& image = input.model.images.begin()->second;
   const Eigen::Vector3d behind = image.cam_from_world.Inverse() * Eigen::Vector3d(0.0, 0.0, -5.0);
   size_t observations = 0;
@@ -403,18 +376,20 @@ TEST(RefineBadInput, PointsBehindCamerasAreLeftOut) {
   const Report report = refine::Run(options, input, output);
   EXPECT_GT(report.observations.behind + report.observations.outliers + report.observations.too_few,
             90u);
-  EXPECT_LT(Ate(output.model, map.truth), Ate(map.estimate, map.truth));
+  EXPECT_LT(AlignedCenterError(output.model, map.truth),
+            AlignedCenterError(map.estimate, map.truth));
   // Their observations tell where they are.
   Output again;
   const Report mended = refine::Run(Options(), input, again);
   EXPECT_GT(mended.num_retriangulated, 10u);
   EXPECT_GT(mended.observations.used, report.observations.used + 80);
-  EXPECT_LT(Ate(again.model, map.truth), Ate(map.estimate, map.truth));
+  EXPECT_LT(AlignedCenterError(again.model, map.truth),
+            AlignedCenterError(map.estimate, map.truth));
 }
 
 TEST(RefineBadInput, RepeatedObservationsUnusedCamerasAndBlindImages) {
-  const SyntheticMap map = MakeMap();
-  Input input = InputOf(map);
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
   input.model.cameras[CameraId(77)] = input.model.cameras.begin()->second;
   Image blind = input.model.images.rbegin()->second;
   blind.id = ImageId(900);
@@ -434,7 +409,8 @@ TEST(RefineBadInput, RepeatedObservationsUnusedCamerasAndBlindImages) {
   Output output;
   const Report report = refine::Run(Options(), input, output);
   EXPECT_EQ(report.num_images, report.num_images_in_use + 1);
-  EXPECT_LT(Ate(output.model, map.truth), 0.5 * Ate(map.estimate, map.truth));
+  EXPECT_LT(AlignedCenterError(output.model, map.truth),
+            0.5 * AlignedCenterError(map.estimate, map.truth));
   // The blind image went along with the one it stood on.
   const Eigen::Vector3d carried = output.model.images.at(blind.id).cam_from_world.CenterInB();
   const Eigen::Vector3d neighbour =
@@ -445,11 +421,11 @@ TEST(RefineBadInput, RepeatedObservationsUnusedCamerasAndBlindImages) {
 }
 
 TEST(RefineBadInput, ARefusedSolveThrowsAndGivesNothing) {
-  const SyntheticMap map = MakeMap();
+  const SyntheticMap map = MakeDeskMap();
   Options options;
   options.solver.max_iterations = -1;
   Output output;
-  EXPECT_THROW(refine::Run(options, InputOf(map), output), std::runtime_error);
+  EXPECT_THROW(refine::Run(options, MakeInput(map), output), std::runtime_error);
   EXPECT_TRUE(output.model.images.empty());
 }
 

@@ -1,9 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <bit>
 #include <cstdint>
-#include <cstring>
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
@@ -13,19 +11,6 @@
 #include "s3lam/scene/descriptor.h"
 
 namespace s3lam {
-
-/// Number of differing bits.
-inline int HammingDistance(const BinaryDescriptor& a, const BinaryDescriptor& b) {
-  int distance = 0;
-  for (size_t i = 0; i < a.size(); i += sizeof(uint64_t)) {
-    uint64_t x = 0;
-    uint64_t y = 0;
-    std::memcpy(&x, a.data() + i, sizeof(x));
-    std::memcpy(&y, b.data() + i, sizeof(y));
-    distance += std::popcount(x ^ y);
-  }
-  return distance;
-}
 
 struct FeatureOptions {
   int num_features = 1000;
