@@ -28,7 +28,8 @@ FUNCTION_TOLERANCE = 1e-6
 COLMAP = ["colmap", "bundle_adjuster", "--BundleAdjustment.refine_focal_length", "0",
           "--BundleAdjustment.refine_extra_params", "0"]
 # Squared errors of all observations, solved once: what COLMAP's program minimises.
-OURS = ["--set", "planes.mode=off", "--set", "solver.huber_reprojection=1000000",
+OURS = ["--set", "planes.mode=off", "--set", "keypoint_sigma_px=1",
+        "--set", "solver.huber_reprojection=1000000",
         "--set", "outliers.max_reprojection_sigma=1000000000", "--set", "outer.max_iterations=1",
         "--set", f"solver.function_tolerance={FUNCTION_TOLERANCE}"]
 
