@@ -45,8 +45,9 @@ struct GroundReport {
 /// camera heights and fits a plane to the ground points under each. They become planes of the model
 /// in the place of all others of the ground's class, each tied to the next (it may bend by
 /// max_bend_deg and step by max_step_relative of the height, one sigma), and every camera above one
-/// gets a height term. Leaves model and problem as they were, and says why, if there is no ground
-/// to be found or, in mode auto, the camera does not keep its height above it well enough.
+/// gets a height term, unless the ground's points lie too far aside to tell its height. Leaves
+/// model and problem as they were, and says why, if there is no ground to be found or, in mode
+/// auto, the camera does not keep its height above it well enough.
 GroundReport AddGround(const CameraHeightOptions& options, const SemanticMap& semantics,
                        double sigma_px, PlaneModel& model, BundleMap& map);
 
@@ -61,9 +62,9 @@ HeightEvidence MeasureHeights(const CameraHeightOptions& options, const PlaneSig
 
 /// Between two solves: if the measured heights vary by more than can be explained, weighs the
 /// heights and the ground's points more, so that the next solution comes nearer (their sigmas fall
-/// to a fifth at the most). Keypoints share errors that no noise model has (calibration, rolling
-/// shutter), so bundle adjustment is surer of its scale than it should be, by an unknown factor;
-/// how much the height of a camera on wheels varies is known.
+/// to a fifth at once, to a twentieth in all, at the most). Keypoints share errors that no noise
+/// model has (calibration, rolling shutter), so bundle adjustment is surer of its scale than it
+/// should be, by an unknown factor; how much the height of a camera on wheels varies is known.
 void StrengthenGround(const CameraHeightOptions& options, double excess, PlaneModel& model,
                       BundleProblem& problem);
 

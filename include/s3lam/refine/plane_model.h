@@ -97,7 +97,10 @@ void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel
 /// Finds the planes among their candidates as the points are now, together with kappa per class, in
 /// rounds: kappa by the MAD of the points near their plane (the value for which |distance| /
 /// sqrt(triangulation^2 + (kappa sigma_px z / f)^2) has the median of a unit normal's; at least
-/// min_kappa), planes fitted anew to their inliers. Planes start where they were handed over.
+/// min_kappa), planes fitted anew to their inliers. Planes start where they were handed over; once
+/// they have settled, kappa is held to max_roughness_px and parts of a surface that do not lie on
+/// the plane (FlatCells) leave it with all their points. The ground keeps its: drift of scale bends
+/// it.
 void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& model,
                       BundleProblem& problem);
 
