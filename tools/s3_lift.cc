@@ -10,6 +10,7 @@
 
 #include "common/config_files.h"
 #include "common/program.h"
+#include "common/provenance.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
@@ -240,6 +241,19 @@ void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& c
               {{"frames", names.size()}, {"frames_with_mask", count}, {"ignored_share", mean}});
 }
 
+Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
+                          const LiftOptions& options, const PanopticMasks& masks) {
+  Provenance provenance("s3-lift", common, OptionsToJson(options));
+  provenance.AddFiles("model", Required(arguments, "model"), ModelFiles());
+  provenance.AddListing("masks", Required(arguments, "masks"));
+  provenance.AddFile("mask_json", masks.json_path());
+  provenance.AddFile("classes", FindConfigFile(Required(arguments, "classes"), "classes"));
+  provenance.AddFile("label_map",
+                     FindConfigFile(arguments["label-map"].as<std::string>(), "label_maps"));
+  provenance.AddFile("confusion", arguments["confusion"].as<std::string>());
+  return provenance;
+}
+
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
   if (arguments.count("sequence") > 0) {
     if (arguments.count("model") > 0) throw UsageError("--sequence and --model exclude each other");
@@ -271,9 +285,12 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
 
   const LiftResult result = LiftSemantics(
       model, table, [&](const Image& image) { return source.Read(image); }, descriptors, options);
-  const json report = ReportToJson(result.report, table);
-  WriteResult(model, result, OptionsToJson(options), report, output.path());
+  json report = ReportToJson(result.report, table);
+  const Provenance provenance = DescribeInputs(arguments, common, options, masks);
+  provenance.AddTo(report);
+  WriteResult(model, result, provenance.config(), report, output.path());
   output.Commit();
+  report.erase("config");
   PrintReport(common, ReportToTable(result.report, table), report);
 }
 

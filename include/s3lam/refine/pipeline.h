@@ -34,6 +34,7 @@ struct Input {
   FrameObservations observations;
   Constraints constraints;
   PointDescriptors descriptors;  // What the points look like; may be empty.
+  StepStore* steps = nullptr;    // Where solves are kept, for a run that can be gone on with.
 };
 
 struct Output {
