@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <opencv2/imgproc.hpp>
 #include <optional>
@@ -149,18 +150,26 @@ std::string ReportToTable(const LiftReport& report, const ClassTable& table) {
   return text + "\n";
 }
 
+void InParallel(int num_threads, const std::vector<std::function<void()>>& tasks) {
+  ParallelFor(tasks.size(), num_threads, [&](size_t i) { tasks[i](); });
+}
+
 void WriteColoredModel(const Reconstruction& model, const fs::path& directory) {
   fs::create_directory(directory);
   WriteColmapModel(model, directory);
 }
 
 void WriteResult(const Reconstruction& model, const LiftResult& result, const json& config,
-                 const json& report, const fs::path& directory) {
-  WriteSemanticMap(result.map, directory);
+                 const json& report, int num_threads, const fs::path& directory) {
+  InParallel(
+      num_threads,
+      {[&] { WriteSemanticMap(result.map, directory); },
+       [&] { WritePointsPly(result.map, model, directory / "points.ply"); },
+       [&] { WriteColoredModel(ColorByClass(model, result.map), directory / "model_by_class"); },
+       [&] {
+         WriteColoredModel(ColorByCluster(model, result.map), directory / "model_by_cluster");
+       }});
   WritePlanesPly(result.map, directory / "planes.ply");
-  WritePointsPly(result.map, model, directory / "points.ply");
-  WriteColoredModel(ColorByClass(model, result.map), directory / "model_by_class");
-  WriteColoredModel(ColorByCluster(model, result.map), directory / "model_by_cluster");
   if (result.confusion) {
     WriteNpy(result.confusion->cast<float>(), directory / "confusion.npy");
   }
@@ -273,12 +282,17 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
 
   const ClassTable table = ReadClassTable(class_path);
   options.confusion = ReadConfusion(arguments["confusion"].as<std::string>(), table);
-  const Reconstruction model = ReadColmapModel(model_path);
+  Reconstruction model;
   DescriptorsByPoint descriptors;
-  if (fs::exists(model_path / "descriptors.bin")) {
-    descriptors = ReadDescriptors(model_path / "descriptors.bin");
-  }
-  const PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
+  std::optional<PanopticMasks> opened;
+  InParallel(common.threads, {[&] {
+                                model = ReadColmapModel(model_path);
+                                if (fs::exists(model_path / "descriptors.bin")) {
+                                  descriptors = ReadDescriptors(model_path / "descriptors.bin");
+                                }
+                              },
+                              [&] { opened = OpenMasks(arguments, mask_path, format, table); }});
+  const PanopticMasks& masks = *opened;
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(masks, model);
@@ -288,7 +302,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   json report = ReportToJson(result.report, table);
   const Provenance provenance = DescribeInputs(arguments, common, options, masks);
   provenance.AddTo(report);
-  WriteResult(model, result, provenance.config(), report, output.path());
+  WriteResult(model, result, provenance.config(), report, common.threads, output.path());
   output.Commit();
   report.erase("config");
   PrintReport(common, ReportToTable(result.report, table), report);
