@@ -250,12 +250,14 @@ void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& c
               {{"frames", names.size()}, {"frames_with_mask", count}, {"ignored_share", mean}});
 }
 
+/// All but the JSON of the masks, of which only the opened masks know.
 Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
-                          const LiftOptions& options, const PanopticMasks& masks) {
+                          const LiftOptions& options) {
   Provenance provenance("s3-lift", common, OptionsToJson(options));
-  provenance.AddFiles("model", Required(arguments, "model"), ModelFiles());
+  provenance.AddFiles("model", Required(arguments, "model"),
+                      {"cameras.bin", "images.bin", "points3D.bin", "cameras.txt", "images.txt",
+                       "points3D.txt", "descriptors.bin"});
   provenance.AddListing("masks", Required(arguments, "masks"));
-  provenance.AddFile("mask_json", masks.json_path());
   provenance.AddFile("classes", FindConfigFile(Required(arguments, "classes"), "classes"));
   provenance.AddFile("label_map",
                      FindConfigFile(arguments["label-map"].as<std::string>(), "label_maps"));
@@ -285,14 +287,17 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   Reconstruction model;
   DescriptorsByPoint descriptors;
   std::optional<PanopticMasks> opened;
+  std::optional<Provenance> provenance;
   InParallel(common.threads, {[&] {
                                 model = ReadColmapModel(model_path);
                                 if (fs::exists(model_path / "descriptors.bin")) {
                                   descriptors = ReadDescriptors(model_path / "descriptors.bin");
                                 }
                               },
-                              [&] { opened = OpenMasks(arguments, mask_path, format, table); }});
+                              [&] { opened = OpenMasks(arguments, mask_path, format, table); },
+                              [&] { provenance = DescribeInputs(arguments, common, options); }});
   const PanopticMasks& masks = *opened;
+  provenance->AddFile("mask_json", masks.json_path());
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(masks, model);
@@ -300,9 +305,8 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   const LiftResult result = LiftSemantics(
       model, table, [&](const Image& image) { return source.Read(image); }, descriptors, options);
   json report = ReportToJson(result.report, table);
-  const Provenance provenance = DescribeInputs(arguments, common, options, masks);
-  provenance.AddTo(report);
-  WriteResult(model, result, provenance.config(), report, common.threads, output.path());
+  provenance->AddTo(report);
+  WriteResult(model, result, provenance->config(), report, common.threads, output.path());
   output.Commit();
   report.erase("config");
   PrintReport(common, ReportToTable(result.report, table), report);
