@@ -9,6 +9,7 @@ namespace {
 constexpr uint8_t kStartOfImage = 0xD8;
 constexpr uint8_t kEndOfImage = 0xD9;
 constexpr uint8_t kStartOfScan = 0xDA;
+constexpr uint8_t kApplication1 = 0xE1;
 
 uint8_t ByteAt(std::string_view bytes, size_t i) { return static_cast<uint8_t>(bytes[i]); }
 
@@ -86,6 +87,23 @@ std::optional<cv::Size> JpegSize(std::string_view bytes) {
     if (!walk.SkipSegment()) break;
   }
   return std::nullopt;
+}
+
+std::string_view ExifSegment(std::string_view bytes) {
+  if (!IsJpeg(bytes)) return {};
+  constexpr std::string_view kName("Exif\0\0", 6);
+  constexpr size_t kLengthBytes = 2;
+  MarkerWalk walk(bytes);
+  while (walk.Next() && walk.marker() != kStartOfScan && walk.marker() != kEndOfImage) {
+    const std::string_view segment = walk.rest();
+    if (!walk.SkipSegment()) break;
+    if (walk.marker() != kApplication1) continue;
+    const std::string_view content = segment.substr(0, segment.size() - walk.rest().size());
+    if (content.substr(kLengthBytes).starts_with(kName)) {
+      return content.substr(kLengthBytes + kName.size());
+    }
+  }
+  return {};
 }
 
 }  // namespace s3lam::internal

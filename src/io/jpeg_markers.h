@@ -15,4 +15,7 @@ bool IsCompleteJpeg(std::string_view bytes);
 /// Width and height [px] from the frame header; empty if there is none.
 std::optional<cv::Size> JpegSize(std::string_view bytes);
 
+/// The TIFF structure with the EXIF data; empty if there is none.
+std::string_view ExifSegment(std::string_view bytes);
+
 }  // namespace s3lam::internal

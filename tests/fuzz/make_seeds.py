@@ -154,6 +154,23 @@ def text(document):
 
 
 DEEP = b"[" * 100000
+def exif(order, tags):
+    """A JPEG file's beginning with these tags, (tag, type, number or pair), in its EXIF data."""
+    tiff = (b"II" if order == "<" else b"MM") + struct.pack(
+        order + "HIHHHIII", 42, 8, 1, 0x8769, 4, 1, 26, 0)
+    entries, values = b"", b""
+    for tag, kind, value in tags:
+        entries += struct.pack(order + "HHI", tag, kind, 1)
+        if kind == 5:
+            entries += struct.pack(order + "I", 26 + 2 + 12 * len(tags) + 4 + len(values))
+            values += struct.pack(order + "II", *value)
+        else:
+            entries += struct.pack(order + ("HH" if kind == 3 else "I"), *([value, 0][:4 - kind + 1]))
+    tiff += struct.pack(order + "H", len(tags)) + entries + bytes(4) + values
+    segment = b"Exif\0\0" + tiff
+    return b"\xff\xd8\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment + b"\xff\xd9"
+
+
 SEEDS = {
     "cameras_bin": {"cameras": CAMERAS, "claims_many": struct.pack("<Q", 2**60) + CAMERAS[8:]},
     "images_bin": {"images": IMAGES, "escapes": counted([image_bin(1, b"../1.png", [])]),
@@ -203,6 +220,9 @@ SEEDS = {
     "observations": {"two": b"S3OBSV01" + counted(
         [struct.pack("<dIQQfff", t, 1, 1, 7, 1.5, 2.5, 0.5) for t in (0.0, 0.5)])},
     "image_file": PNGS | NETPBM | {"jpeg": JPEG},
+    "exif": {"film": exif("<", [(0xA405, 3, 28)]),
+             "plane": exif(">", [(0x920A, 5, (50, 10)), (0xA002, 4, 4000),
+                                 (0xA20E, 5, (4000, 1)), (0xA210, 3, 3)])},
     "tum_list": {"three": b"# t path\n0.1 rgb/0.png\n0.2 rgb/1.png\n0.3 rgb/2.png\n",
                  "escapes": b"0.1 ../rgb/0.png\n0.2 rgb/1.png\n"},
     "kitti_times": {"three": b"0\n1.0e-1\n2.0e-1\n"},

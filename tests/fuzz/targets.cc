@@ -10,6 +10,7 @@
 #include "fuzz/scratch.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/options_json.h"
+#include "s3lam/io/camera_guess.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
@@ -312,6 +313,11 @@ class SequenceFolder {
   fs::path input_;
 };
 
+void Exif(std::string_view bytes) {
+  const auto focal = ExifFocalLength(bytes, 640, 480);
+  Require(!focal || (*focal > 100.0 && *focal < 20000.0), "a focal length is that of a lens");
+}
+
 void TumList(std::string_view bytes) {
   static const SequenceFolder folder(SequenceFormat::kTum, "rgb", "rgb.txt");
   folder.Open(bytes);
@@ -376,6 +382,7 @@ constexpr std::array kTargets = {
     Target{"label_map", LabelMapJson},
     Target{"observations", Observations},
     Target{"image_file", ImageFileBytes},
+    Target{"exif", Exif},
     Target{"tum_list", TumList},
     Target{"kitti_times", KittiTimes},
     Target{"kitti_calib", KittiCalibration},
