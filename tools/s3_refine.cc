@@ -1,9 +1,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "common/checkpoint.h"
 #include "common/program.h"
-#include "common/provenance.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
@@ -114,7 +112,7 @@ void CopyIfPresent(const fs::path& from, const fs::path& to) {
 
 void WriteOutput(const fs::path& model, const refine::Options& options,
                  const refine::Output& output, const refine::Report& report,
-                 const nlohmann::json& figures, const fs::path& directory) {
+                 const fs::path& directory) {
   WriteColmapModel(output.model, directory);
   if (!output.keyframes.empty()) WriteTumTrajectory(output.keyframes, directory / "keyframes.txt");
   if (!output.frames.empty()) WriteTumTrajectory(output.frames, directory / "frames.txt");
@@ -128,23 +126,9 @@ void WriteOutput(const fs::path& model, const refine::Options& options,
   }
   CopyIfPresent(model / "descriptors.bin", directory / "descriptors.bin");
   CopyIfPresent(model / "project.ini", directory / "project.ini");
-  WriteJson(directory / "report.json", figures);
+  WriteJson(directory / "report.json", ToJson(report));
   WriteFile(directory / "report.txt", [&](std::ostream& stream) { stream << ToTable(report); });
   WriteJson(directory / "config.json", OptionsToJson(options));
-}
-
-Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
-                          const refine::Options& options) {
-  Provenance provenance("s3-refine", common, OptionsToJson(options));
-  provenance.AddFiles("model", Required(arguments, "model"), ModelFiles());
-  const std::string semantics = Given(arguments, "semantics");
-  if (!semantics.empty()) {
-    provenance.AddFiles("semantics", semantics, {"semantics.json", "distributions.npy"});
-  }
-  for (const char* file : {"constant", "pose-priors"}) {
-    provenance.AddFile(file, Given(arguments, file));
-  }
-  return provenance;
 }
 
 void Refine(const po::variables_map& arguments, const CommonArguments& common) {
@@ -157,21 +141,14 @@ void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   if (arguments.count("gravity") > 0) options.gravity.mode = GravityMode::kFloor;
 
   const Timer timer;
-  refine::Input input = ReadInput(arguments);
-  const Provenance provenance = DescribeInputs(arguments, common, options);
-  const auto checkpoint = OpenCheckpoint(arguments, common, provenance);
-  input.steps = checkpoint.get();
+  const refine::Input input = ReadInput(arguments);
   const double read_s = timer.Seconds();
   refine::Output output;
   refine::Report report = refine::Run(options, input, output);
   report.seconds["read"] = read_s;
-  nlohmann::json figures = ToJson(report);
-  provenance.AddTo(figures);
-  WriteOutput(model, options, output, report, figures, directory.path());
+  WriteOutput(model, options, output, report, directory.path());
   directory.Commit();
-  if (checkpoint) checkpoint->Remove();
-  figures.erase("config");
-  PrintReport(common, ToTable(report), figures);
+  PrintReport(common, ToTable(report), ToJson(report));
 }
 
 }  // namespace
@@ -192,7 +169,6 @@ int main(int argc, char** argv) {
   add("covariance", "write covariance.json: short for --set covariance.enabled=true");
   add("gravity", "z up and the floor at z = 0: short for --set gravity.mode=floor");
   add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
-  tools::AddCheckpointArguments(program.arguments);
   tools::SetConfiguration(refine::Options(), program);
   return tools::RunProgram(argc, argv, program);
 }

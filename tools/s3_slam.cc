@@ -6,10 +6,11 @@
 
 #include "common/config_files.h"
 #include "common/program.h"
-#include "common/provenance.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
+#include "s3lam/base/version.h"
+#include "s3lam/io/camera_guess.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
@@ -27,7 +28,9 @@ namespace po = boost::program_options;
 constexpr const char* kDescription =
     "Monocular keyframe SLAM over an image sequence, offline: every frame is localised.\n\n"
     "Reads   --sequence: a folder (TUM RGB-D, KITTI odometry or raw, EuRoC, plain images) or a\n"
-    "        video; the camera from --camera, else from what the sequence brings.\n"
+    "        video; the camera from --camera, else from what the sequence brings. With --camera\n"
+    "        auto it is guessed from EXIF data, else as a common lens, and refined with the map\n"
+    "        (RADIAL); the report says by how much and how surely.\n"
     "Writes  --output: cameras.bin, images.bin, points3D.bin (COLMAP), keyframes.txt and\n"
     "        frames.txt (TUM, world_from_camera), descriptors.bin, observations.bin (what frames\n"
     "        that are no keyframes see), project.ini, report.json, config.json. Where the "
@@ -45,27 +48,48 @@ SequenceFormat ParseFormat(const std::string& name) {
   return *format;
 }
 
-ImageSequence Open(const po::variables_map& arguments) {
+/// A sequence with a camera, which may be a guess.
+struct Opened {
+  ImageSequence sequence;
+  std::optional<CameraGuess> guess;
+};
+
+Opened Open(const po::variables_map& arguments) {
   const std::string path = Required(arguments, "sequence");
   const FrameRange range = arguments.count("frames") > 0
                                ? ParseFrameRange(arguments["frames"].as<std::string>())
                                : FrameRange{};
-  ImageSequence sequence =
-      OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range);
-  if (arguments.count("camera") > 0) {
-    sequence.camera =
-        ReadCameraJson(FindConfigFile(arguments["camera"].as<std::string>(), "cameras")).camera;
+  Opened opened;
+  ImageSequence& sequence = opened.sequence;
+  sequence = OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range);
+  const std::string camera =
+      arguments.count("camera") > 0 ? arguments["camera"].as<std::string>() : "";
+  if (camera == "auto") {
+    opened.guess = GuessCamera(sequence);
+    sequence.camera = opened.guess->camera;
+    spdlog::info("focal length guessed by {}: {:.0f} px, to within {:.0f} %", opened.guess->source,
+                 opened.guess->camera.FocalX(), 100.0 * opened.guess->relative_sigma);
+  } else if (!camera.empty()) {
+    sequence.camera = ReadCameraJson(FindConfigFile(camera, "cameras")).camera;
   }
   if (!sequence.camera) {
-    ThrowInputError("{}: no camera: give --camera FILE or put a camera.json into the folder", path);
+    ThrowInputError(
+        "{}: no camera: give --camera FILE, put a camera.json into the folder, or let --camera "
+        "auto "
+        "find out",
+        path);
   }
-  return sequence;
+  return opened;
 }
 
-slam::Input MakeInput(const ImageSequence& sequence, const FrameReader& reader,
+slam::Input MakeInput(const Opened& opened, const FrameReader& reader,
                       const std::filesystem::path& ignore_masks) {
+  const ImageSequence& sequence = opened.sequence;
   slam::Input input;
   input.camera = *sequence.camera;
+  if (opened.guess) {
+    input.focal_prior = FocalPrior{input.camera.FocalX(), opened.guess->relative_sigma};
+  }
   for (const SequenceFrame& frame : sequence.frames) {
     input.times_s.push_back(frame.time_s);
     input.names.push_back(frame.name);
@@ -129,6 +153,11 @@ std::string Table(const slam::Report& report, const std::string& output) {
   table += fmt::format("mean track length   {:.2f}\n", main.mean_track_length);
   table += fmt::format("reprojection RMS    {:.3f} px\n", main.rms_px);
   table += fmt::format("loops closed        {}\n", main.loops.closed.size());
+  if (report.focal) {
+    table +=
+        fmt::format("focal length        {:.1f} px refined from a guess of {:.0f}, sigma {:.2f}\n",
+                    report.focal->refined, report.focal->guess, report.focal->sigma);
+  }
   for (size_t m = 1; m < report.maps.size(); ++m) {
     const slam::MapReport& map = report.maps[m];
     table += fmt::format("map apart           {}/{}: {} frames of {} to {}, {} keyframes\n", output,
@@ -148,48 +177,27 @@ std::string Table(const slam::Report& report, const std::string& output) {
   return table;
 }
 
-Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
-                          const slam::Options& options, const ImageSequence& sequence) {
-  Provenance provenance("s3-slam", common, OptionsToJson(slam::Effective(options)));
-  if (arguments.count("camera") > 0) {
-    provenance.AddFile("camera", FindConfigFile(arguments["camera"].as<std::string>(), "cameras"));
-  }
-  // What the formats bring beside the images: times, calibration.
-  provenance.AddFiles("sequence", Required(arguments, "sequence"),
-                      {"camera.json", "rgb.txt", "times.txt", "calib.txt",
-                       "image_00/timestamps.txt", "calib_cam_to_cam.txt", "../calib_cam_to_cam.txt",
-                       "mav0/cam0/data.csv", "mav0/cam0/sensor.yaml"});
-  std::vector<std::filesystem::path> images;
-  for (const SequenceFrame& frame : sequence.frames) {
-    images.push_back(frame.path.empty() ? sequence.image_root : frame.path);
-    if (frame.path.empty()) break;  // A video is one file.
-  }
-  provenance.AddListing("images", sequence.image_root, images);
-  if (arguments.count("ignore-masks") > 0) {
-    provenance.AddListing("ignore_masks", arguments["ignore-masks"].as<std::string>());
-  }
-  return provenance;
-}
-
 void RunSlam(const po::variables_map& arguments, const CommonArguments& common) {
   const std::string output = Required(arguments, "output");
   auto options = LoadOptions<slam::Options>(common);
   options.num_threads = common.threads;
-  const ImageSequence sequence = Open(arguments);
+  const Opened opened = Open(arguments);
+  const ImageSequence& sequence = opened.sequence;
   const std::filesystem::path ignore_masks = CheckIgnoreMasks(arguments, sequence);
   OutputDirectory directory(output, common.overwrite);
   spdlog::info("{} frames, camera {} {} x {}", sequence.frames.size(),
                CameraModelName(sequence.camera->model), sequence.camera->width,
                sequence.camera->height);
-  const Provenance provenance = DescribeInputs(arguments, common, options, sequence);
   const FrameReader reader(sequence);
-  const slam::Result result = slam::Run(options, MakeInput(sequence, reader, ignore_masks));
+  const slam::Result result = slam::Run(options, MakeInput(opened, reader, ignore_masks));
   nlohmann::json report = ToJson(result.report);
-  provenance.AddTo(report);
+  if (opened.guess) report["focal_length"]["source"] = opened.guess->source;
+  report["program"] = "s3-slam";
+  report["version"] = Version();
   report["peak_memory_mib"] = PeakMemoryMiB();
   Write(result, options, report, sequence, directory.path());
   directory.Commit();
-  for (const char* long_one : {"per_frame", "config"}) report.erase(long_one);
+  report.erase("per_frame");
   PrintReport(common, Table(result.report, output), report);
 }
 
@@ -207,7 +215,7 @@ int main(int argc, char** argv) {
   add("format", po::value<std::string>()->default_value("auto"),
       "auto, tum, kitti, kitti-raw, euroc, folder or video");
   add("camera", po::value<std::string>()->value_name("FILE"),
-      "camera.json, or a name such as tum_fr1");
+      "camera.json, a name such as tum_fr1, or auto: not known");
   add("frames", po::value<std::string>()->value_name("A:B:STEP"), "use only these frames");
   add("ignore-masks", po::value<std::string>()->value_name("DIR"),
       "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift");

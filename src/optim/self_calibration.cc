@@ -3,9 +3,11 @@
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
 
+#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 #include "s3lam/base/error.h"
 
@@ -13,7 +15,10 @@ namespace s3lam {
 namespace {
 
 constexpr int kMaxParams = 12;
-constexpr double kHuberSigma = 2.4477;  // sqrt(5.991)
+constexpr double kHuberSigma = 2.4477;    // sqrt(5.991)
+constexpr double kGaugeDamping = 1e-9;    // Of the diagonal.
+constexpr double kPrincipalSigma = 0.02;  // Of the longer side, from the centre.
+constexpr double kDistortionSigma = 0.3;  // Of wide lenses' first radial term.
 
 /// r = inverse_sigma (project(exp(omega) R X + t) - pixel), with R the pose's rotation at the
 /// start.
@@ -63,8 +68,18 @@ Camera WithDistortion(const Camera& camera) {
   return result;
 }
 
-/// Points with the longest tracks until there are enough observations; true per chosen point.
-std::vector<uint8_t> ChoosePoints(const CalibrationProblem& problem, int max_observations) {
+/// All but focal lengths and principal point.
+std::vector<int> DistortionParams(const Camera& camera) {
+  std::vector<int> params;
+  const int first = CameraModelHasSingleFocal(camera.model) ? 3 : 4;
+  for (int i = first; i < static_cast<int>(camera.params.size()); ++i) params.push_back(i);
+  return params;
+}
+
+/// Points with the longest tracks, of a least length, until there are enough observations; true per
+/// chosen point.
+std::vector<uint8_t> ChoosePoints(const CalibrationProblem& problem, int max_observations,
+                                  int min_length) {
   std::vector<int> lengths(problem.points.size(), 0);
   for (const auto& o : problem.observations) ++lengths[o.point];
   std::vector<int> order(problem.points.size());
@@ -74,23 +89,42 @@ std::vector<uint8_t> ChoosePoints(const CalibrationProblem& problem, int max_obs
   std::vector<uint8_t> chosen(problem.points.size(), 0);
   int count = 0;
   for (const int point : order) {
-    if (lengths[point] < 3 || count >= max_observations) break;
+    if (lengths[point] < min_length || count >= max_observations) break;
     chosen[point] = 1;
     count += lengths[point];
   }
   return chosen;
 }
 
+/// r = (value - expected) / sigma: the logarithm of the focal length, the first radial term against
+/// zero, the principal point against the centre of the image.
+struct CameraPrior {
+  FocalPrior focal;
+  Eigen::Vector2d principal;  // px
+  double principal_sigma;     // px
+
+  template <typename T>
+  bool operator()(const T* params, T* residual) const {
+    using std::log;
+    if (params[0] <= T(0.0)) return false;
+    residual[0] = (log(params[0]) - T(std::log(focal.focal))) / T(focal.relative_sigma);
+    residual[1] = params[3] / T(kDistortionSigma);
+    residual[2] = (params[1] - T(principal.x())) / T(principal_sigma);
+    residual[3] = (params[2] - T(principal.y())) / T(principal_sigma);
+    return true;
+  }
+};
+
 class Adjustment {
  public:
   Adjustment(const SelfCalibrationOptions& options, const Camera& camera,
-             const CalibrationProblem& input)
+             const CalibrationProblem& input, int min_length)
       : options_(options), camera_(camera), points_(input.points), poses_(input.poses.size()) {
     for (size_t i = 0; i < poses_.size(); ++i) {
       const Eigen::Vector3d& t = input.poses[i].translation;
       poses_[i] = {0.0, 0.0, 0.0, t.x(), t.y(), t.z()};
     }
-    const std::vector<uint8_t> chosen = ChoosePoints(input, options.max_observations);
+    const std::vector<uint8_t> chosen = ChoosePoints(input, options.max_observations, min_length);
     auto* loss = new ceres::HuberLoss(kHuberSigma);
     for (const auto& o : input.observations) {
       const Rigid3& pose = input.poses[o.pose];
@@ -100,12 +134,106 @@ class Adjustment {
     }
   }
 
+  /// Sigma of the camera's first parameter over all others, which are free as well; empty if the
+  /// normal equations cannot be solved.
+  std::optional<double> SigmaOfFirstParam() {
+    ceres::Problem::EvaluateOptions evaluate;
+    for (Eigen::Vector3d& point : points_) {
+      if (problem_.HasParameterBlock(point.data()))
+        evaluate.parameter_blocks.push_back(point.data());
+    }
+    for (auto& pose : poses_) {
+      if (problem_.HasParameterBlock(pose.data())) evaluate.parameter_blocks.push_back(pose.data());
+    }
+    evaluate.parameter_blocks.push_back(camera_.params.data());
+    ceres::CRSMatrix crs;
+    if (!problem_.Evaluate(evaluate, nullptr, nullptr, nullptr, &crs)) return std::nullopt;
+    using Sparse = Eigen::SparseMatrix<double>;
+    const Sparse jacobian = Eigen::Map<const Eigen::SparseMatrix<double, Eigen::RowMajor>>(
+        crs.num_rows, crs.num_cols, static_cast<Eigen::Index>(crs.values.size()), crs.rows.data(),
+        crs.cols.data(), crs.values.data());
+    Sparse normal = jacobian.transpose() * jacobian;
+    // Position, orientation and scale of the world are free, and nothing else depends on them.
+    const Eigen::VectorXd diagonal = normal.diagonal();
+    for (int i = 0; i < crs.num_cols; ++i) normal.coeffRef(i, i) += kGaugeDamping * diagonal[i];
+    const Eigen::SimplicialLDLT<Sparse> factor(normal);
+    if (factor.info() != Eigen::Success) return std::nullopt;
+    const int first = crs.num_cols - static_cast<int>(camera_.params.size());
+    Eigen::VectorXd unit = Eigen::VectorXd::Zero(crs.num_cols);
+    unit[first] = 1.0;
+    const double variance = factor.solve(unit)[first];
+    return std::isfinite(variance) && variance > 0.0 ? std::optional(std::sqrt(variance))
+                                                     : std::nullopt;
+  }
+
+  /// See CameraRefinement.
+  [[nodiscard]] double MeanScore() {
+    ceres::Problem::EvaluateOptions evaluate;
+    evaluate.apply_loss_function = false;
+    std::vector<double> residuals;
+    if (!problem_.Evaluate(evaluate, nullptr, &residuals, nullptr, nullptr)) return 0.0;
+    double score = 0.0;
+    const size_t count = residuals.size() / 2;  // Two each; those of the prior do not weigh.
+    for (size_t i = 0; i < 2 * count; i += 2) {
+      const double squared = residuals[i] * residuals[i] + residuals[i + 1] * residuals[i + 1];
+      score += std::max(0.0, 1.0 - squared / (kHuberSigma * kHuberSigma));
+    }
+    return score / static_cast<double>(count);
+  }
+
+  [[nodiscard]] std::vector<Rigid3> Poses(const std::vector<Rigid3>& start) const {
+    std::vector<Rigid3> poses(poses_.size());
+    for (size_t i = 0; i < poses_.size(); ++i) {
+      const Eigen::Map<const Eigen::Vector3d> turn(poses_[i].data());
+      const Eigen::Quaterniond rotation(Eigen::AngleAxisd(
+          turn.norm(), turn.norm() > 0.0 ? Eigen::Vector3d(turn.normalized())
+                                         : Eigen::Vector3d(Eigen::Vector3d::UnitX())));
+      poses[i].rotation = (rotation * start[i].rotation).normalized();
+      poses[i].translation = Eigen::Map<const Eigen::Vector3d>(poses_[i].data() + 3);
+    }
+    return poses;
+  }
+  [[nodiscard]] const std::vector<Eigen::Vector3d>& points() const { return points_; }
+
   [[nodiscard]] bool empty() const { return problem_.NumResidualBlocks() == 0; }
   [[nodiscard]] const Camera& camera() const { return camera_; }
 
-  /// Cost after solving with the distortion held or free; empty if there is no usable solution.
-  std::optional<double> Solve(bool distortion_is_free) {
-    HoldCamera(distortion_is_free);
+  /// Lets only these parameters of the camera vary; none: holds it and, for the gauge, the first
+  /// pose.
+  void FreeCamera(const std::vector<int>& free_params) {
+    double* params = camera_.params.data();
+    if (free_params.empty()) {
+      if (FirstPose() != nullptr) problem_.SetParameterBlockConstant(FirstPose());
+      problem_.SetParameterBlockConstant(params);
+      return;
+    }
+    problem_.SetParameterBlockVariable(params);
+    if (free_params.size() == camera_.params.size()) return;
+    std::vector<int> held;
+    for (int i = 0; i < static_cast<int>(camera_.params.size()); ++i) {
+      if (std::find(free_params.begin(), free_params.end(), i) == free_params.end()) {
+        held.push_back(i);
+      }
+    }
+    problem_.SetManifold(params,
+                         new ceres::SubsetManifold(static_cast<int>(camera_.params.size()), held));
+  }
+
+  void AddPrior(const FocalPrior& prior) {
+    auto* error = new CameraPrior{prior, 0.5 * Eigen::Vector2d(camera_.width, camera_.height),
+                                  kPrincipalSigma * std::max(camera_.width, camera_.height)};
+    double* params = camera_.params.data();
+    if (camera_.params.size() == 4) {
+      problem_.AddResidualBlock(new ceres::AutoDiffCostFunction<CameraPrior, 4, 4>(error), nullptr,
+                                params);
+    } else {
+      problem_.AddResidualBlock(new ceres::AutoDiffCostFunction<CameraPrior, 4, 5>(error), nullptr,
+                                params);
+    }
+  }
+
+  /// Cost after solving; empty if there is no usable solution.
+  std::optional<double> Solve() {
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::DENSE_SCHUR;
     if (poses_.size() > 250) solver.linear_solver_type = ceres::SPARSE_SCHUR;
@@ -136,6 +264,8 @@ class Adjustment {
     auto* error = new ReprojectionError{camera_.model, pose.rotation.toRotationMatrix(), o.pixel,
                                         o.inverse_sigma};
     switch (camera_.params.size()) {
+      case 4:
+        return new ceres::AutoDiffCostFunction<ReprojectionError, 2, 6, 3, 4>(error);
       case 5:
         return new ceres::AutoDiffCostFunction<ReprojectionError, 2, 6, 3, 5>(error);
       case 8:
@@ -145,21 +275,11 @@ class Adjustment {
     }
   }
 
-  /// Focal length and principal point are always held; the gauge by the first pose.
-  void HoldCamera(bool distortion_is_free) {
-    double* params = camera_.params.data();
-    if (!distortion_is_free) {
-      for (auto& pose : poses_) {
-        if (!problem_.HasParameterBlock(pose.data())) continue;
-        problem_.SetParameterBlockConstant(pose.data());
-        break;
-      }
-      problem_.SetParameterBlockConstant(params);
-      return;
+  [[nodiscard]] double* FirstPose() {
+    for (auto& pose : poses_) {
+      if (problem_.HasParameterBlock(pose.data())) return pose.data();
     }
-    problem_.SetParameterBlockVariable(params);
-    problem_.SetManifold(
-        params, new ceres::SubsetManifold(static_cast<int>(camera_.params.size()), {0, 1, 2, 3}));
+    return nullptr;
   }
 
   const SelfCalibrationOptions& options_;
@@ -186,16 +306,41 @@ SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, co
                                        const CalibrationProblem& problem) {
   SelfCalibrationReport report;
   report.camera = camera;
-  Adjustment adjustment(options, WithDistortion(camera), problem);
+  Adjustment adjustment(options, WithDistortion(camera), problem, /*min_length=*/3);
   if (adjustment.empty()) return report;
-  const auto held = adjustment.Solve(/*distortion_is_free=*/false);
+  adjustment.FreeCamera({});
+  const auto held = adjustment.Solve();
   if (!held || *held <= 0.0) return report;
-  const auto refined = adjustment.Solve(/*distortion_is_free=*/true);
+  adjustment.FreeCamera(DistortionParams(adjustment.camera()));
+  const auto refined = adjustment.Solve();
   if (!refined) return report;
   report.cost_decrease = 1.0 - *refined / *held;
   report.accepted = report.cost_decrease >= options.min_cost_decrease;
   if (report.accepted) report.camera = adjustment.camera();
   return report;
+}
+
+std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& options,
+                                                 const Camera& camera, const FocalPrior& prior,
+                                                 const CalibrationProblem& problem) {
+  S3LAM_CHECK(camera.model == CameraModel::kSimpleRadial || camera.model == CameraModel::kRadial);
+  S3LAM_CHECK(prior.focal > 0.0 && prior.relative_sigma > 0.0);
+  Adjustment adjustment(options, camera, problem, /*min_length=*/2);
+  if (adjustment.empty()) return std::nullopt;
+  adjustment.AddPrior(prior);
+  std::vector<int> all(camera.params.size());
+  std::iota(all.begin(), all.end(), 0);
+  adjustment.FreeCamera(all);
+  if (!adjustment.Solve()) return std::nullopt;
+  const auto sigma = adjustment.SigmaOfFirstParam();
+  if (!sigma) return std::nullopt;
+  CameraRefinement refinement;
+  refinement.camera = adjustment.camera();
+  refinement.focal_sigma = *sigma;
+  refinement.mean_score = adjustment.MeanScore();
+  refinement.poses = adjustment.Poses(problem.poses);
+  refinement.points = adjustment.points();
+  return refinement;
 }
 
 }  // namespace s3lam

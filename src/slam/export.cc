@@ -125,27 +125,6 @@ void AddTrajectories(const Input& input, const std::vector<FrameTrack>& localize
 
 }  // namespace
 
-CalibrationProblem MakeCalibrationProblem(const Map& map) {
-  CalibrationProblem problem;
-  std::vector<int> pose_of_keyframe(static_cast<size_t>(map.num_keyframes()), kNoIndex);
-  for (int k = 0; k < map.num_keyframes(); ++k) {
-    if (!map.keyframe(k).alive) continue;
-    pose_of_keyframe[k] = static_cast<int>(problem.poses.size());
-    problem.poses.push_back(map.keyframe(k).cam_from_world);
-  }
-  for (int p = 0; p < map.num_points(); ++p) {
-    if (!map.point(p).alive) continue;
-    for (const MapObservation& o : map.point(p).observations) {
-      const Keypoint& keypoint = map.keypoint(o);
-      problem.observations.push_back({pose_of_keyframe[o.keyframe],
-                                      static_cast<int>(problem.points.size()),
-                                      keypoint.pixel.cast<double>(), 1.0 / keypoint.sigma});
-    }
-    problem.points.push_back(map.point(p).position);
-  }
-  return problem;
-}
-
 Model Export(const Input& input, const Camera& camera, const Map& map,
              const std::vector<FrameTrack>& localized) {
   Model model;

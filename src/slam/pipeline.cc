@@ -56,6 +56,26 @@ Submaps BuildMaps(const Options& options, std::vector<FrameFeatures>& frames,
       "moving, are the calibration and the order of the images right?)");
 }
 
+/// Maps of the whole sequence, merged where they meet, and adjusted.
+Submaps MapSequence(const Options& options, std::vector<FrameFeatures>& frames,
+                    const Undistorter& undistorter, const Vocabulary& vocabulary, Report& report) {
+  Submaps maps;
+  {
+    const ScopedStep step(report.seconds, "tracking and mapping");
+    maps = BuildMaps(options, frames, undistorter, vocabulary);
+  }
+  {
+    const ScopedStep step(report.seconds, "merging maps");
+    report.num_merged_maps = MergeSubmaps(options.submaps, options.loops, vocabulary, undistorter,
+                                          options.global_rounds, options.num_threads, maps);
+  }
+  const ScopedStep step(report.seconds, "global bundle adjustment");
+  for (const auto& builder : maps) {
+    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
+  }
+  return maps;
+}
+
 /// The second pass: everything matched again, then every observation aligned, each followed by a
 /// bundle adjustment of the whole map.
 void ImproveMap(const Options& options, const Input& input, const Undistorter& undistorter,
@@ -97,25 +117,83 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
   adjust();
 }
 
-/// Checks the lens distortion against the largest map; where it is refined, everything is
-/// undistorted and adjusted again.
-SelfCalibrationReport Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
-                                  Undistorter& undistorter, const Submaps& maps) {
-  SelfCalibrationReport report;
-  report.camera = undistorter.camera();
-  if (!options.self_calibration.enabled) return report;
-  report = RefineDistortion(options.self_calibration, undistorter.camera(),
-                            MakeCalibrationProblem(maps.front()->map()));
-  spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
-               100.0 * report.cost_decrease, report.accepted ? "refined" : "camera kept as given");
-  if (!report.accepted) return report;
-  undistorter = Undistorter(report.camera);
-  ParallelFor(frames.size(), options.num_threads,
-              [&](size_t i) { frames[i].Undistort(undistorter); });
+/// Undistorts everything anew.
+void ChangeCamera(const Camera& camera, int num_threads, std::vector<FrameFeatures>& frames,
+                  Undistorter& undistorter) {
+  undistorter = Undistorter(camera);
+  ParallelFor(frames.size(), num_threads, [&](size_t i) { frames[i].Undistort(undistorter); });
+}
+
+/// A focal length to begin with, where there is only a guess.
+FocalReport SearchCamera(const Options& options, const Input& input, const Vocabulary& vocabulary,
+                         std::vector<FrameFeatures>& frames, Undistorter& undistorter) {
+  FocalReport report;
+  report.guess = report.refined = input.focal_prior->focal;
+  report.guess_relative_sigma = input.focal_prior->relative_sigma;
+  report.sigma = report.guess * report.guess_relative_sigma;
+  const TrialMapOptions trials{options.focal_search, options.self_calibration, options.features,
+                               options.initializer,  options.tracker,          options.mapper,
+                               options.num_threads};
+  const auto found = SearchFocal(trials, frames, vocabulary, input.camera, *input.focal_prior);
+  if (found) ChangeCamera(found->camera, options.num_threads, frames, undistorter);
+  return report;
+}
+
+/// Refines a camera that is not known with the largest map, and adjusts all maps to it.
+void RefineCamera(const Options& options, const FocalPrior& prior,
+                  std::vector<FrameFeatures>& frames, Undistorter& undistorter, const Submaps& maps,
+                  FocalReport& report) {
+  Map& map = maps.front()->map();
+  const auto refined = RefineIntrinsics(options.self_calibration, undistorter.camera(), prior,
+                                        MakeCalibrationProblem(map));
+  if (!refined) {
+    spdlog::warn("the focal length cannot be refined");
+    return;
+  }
+  ApplyRefinement(*refined, map);
+  report.refined = refined->camera.FocalX();
+  report.sigma = refined->focal_sigma;
+  spdlog::info("focal length refined to {:.2f} +- {:.2f} px", report.refined, report.sigma);
+  ChangeCamera(refined->camera, options.num_threads, frames, undistorter);
   for (const auto& builder : maps) {
     builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
   }
-  return report;
+}
+
+/// Maps the whole sequence, and maps it anew as long as that changes the camera.
+void MapUntilCameraStays(const Options& options, const FocalPrior& prior,
+                         const Vocabulary& vocabulary, std::vector<FrameFeatures>& frames,
+                         Undistorter& undistorter, Submaps& maps, Report& report) {
+  for (int round = 1;; ++round) {
+    const double before = undistorter.camera().FocalX();
+    {
+      const ScopedStep step(report.seconds, "self-calibration");
+      RefineCamera(options, prior, frames, undistorter, maps, *report.focal);
+    }
+    const double change = std::abs(std::log(undistorter.camera().FocalX() / before));
+    if (change < options.focal_search.settled_change) return;
+    if (round >= options.focal_search.max_rounds) return;
+    maps = MapSequence(options, frames, undistorter, vocabulary, report);
+  }
+}
+
+/// Checks the lens distortion against the largest map; where it is refined, everything is
+/// undistorted and adjusted again.
+void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
+                 Undistorter& undistorter, const Submaps& maps, Report& report) {
+  if (!options.self_calibration.enabled) return;
+  const SelfCalibrationReport calibration = RefineDistortion(
+      options.self_calibration, undistorter.camera(), MakeCalibrationProblem(maps.front()->map()));
+  spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
+               100.0 * calibration.cost_decrease,
+               calibration.accepted ? "refined" : "camera kept as given");
+  report.camera_was_refined = calibration.accepted;
+  report.distortion_cost_share = calibration.cost_decrease;
+  if (!calibration.accepted) return;
+  ChangeCamera(calibration.camera, options.num_threads, frames, undistorter);
+  for (const auto& builder : maps) {
+    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
+  }
 }
 
 /// Poses of the frames in a final map: keyframes as they are, others refined against it. Frames
@@ -178,6 +256,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("submaps", submaps, "maps begun anew where tracking was lost, and their merging");
   v.Group("loops", loops, "places seen before");
   v.Group("second_pass", second_pass, "what knowing the whole map adds");
+  v.Group("focal_search", focal_search, "of a camera that is not known");
   v.Group("self_calibration", self_calibration, "refinement of the lens distortion");
   v.Value("min_localization_inliers", min_localization_inliers,
           "points that a frame must see in the final map to be localised", 6, 10000);
@@ -214,23 +293,17 @@ Result Run(const Options& given, const Input& input) {
     const ScopedStep step(seconds, "learning words");
     vocabulary.emplace(options.vocabulary, frames);
   }
-  Submaps maps;
-  {
-    const ScopedStep step(seconds, "tracking and mapping");
-    maps = BuildMaps(options, frames, undistorter, *vocabulary);
+  if (input.focal_prior) {
+    const ScopedStep step(seconds, "searching the focal length");
+    result.report.focal = SearchCamera(options, input, *vocabulary, frames, undistorter);
   }
-  {
-    const ScopedStep step(seconds, "merging maps");
-    result.report.num_merged_maps =
-        MergeSubmaps(options.submaps, options.loops, *vocabulary, undistorter,
-                     options.global_rounds, options.num_threads, maps);
+  Submaps maps = MapSequence(options, frames, undistorter, *vocabulary, result.report);
+  if (input.focal_prior) {
+    MapUntilCameraStays(options, *input.focal_prior, *vocabulary, frames, undistorter, maps,
+                        result.report);
   }
   std::vector<LoopClosingReport> loops;
   for (const auto& builder : maps) {
-    {
-      const ScopedStep step(seconds, "global bundle adjustment");
-      builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
-    }
     {
       const ScopedStep step(seconds, "closing loops");
       loops.push_back(CloseLoops(options.loops, *vocabulary, undistorter, builder->mapper(),
@@ -239,10 +312,13 @@ Result Run(const Options& given, const Input& input) {
     }
     ImproveMap(options, input, undistorter, *builder, seconds);
   }
-  SelfCalibrationReport calibration;
   {
     const ScopedStep step(seconds, "self-calibration");
-    calibration = Recalibrate(options, frames, undistorter, maps);
+    if (input.focal_prior) {
+      RefineCamera(options, *input.focal_prior, frames, undistorter, maps, *result.report.focal);
+    } else {
+      Recalibrate(options, frames, undistorter, maps, result.report);
+    }
   }
   std::vector<std::vector<FrameTrack>> localized;
   {
@@ -254,14 +330,18 @@ Result Run(const Options& given, const Input& input) {
   result.report.frames.resize(frames.size());
   for (size_t m = 0; m < maps.size(); ++m) {
     const Map& map = maps[m]->map();
-    result.models.push_back(Export(input, calibration.camera, map, localized[m]));
+    result.models.push_back(Export(input, undistorter.camera(), map, localized[m]));
     result.report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
     result.report.maps[m].loops = std::move(loops[m]);
     AddFrames(undistorter, map, static_cast<int>(m), localized[m], result.report);
   }
+  if (result.report.focal && !result.report.focal->IsDetermined()) {
+    spdlog::warn(
+        "the motion does not determine the focal length (sigma {:.1f} of {:.1f} px): it is little "
+        "more than a guess, and the map may be distorted; give the camera's calibration",
+        result.report.focal->sigma, result.report.focal->refined);
+  }
   result.report.stretches = FindStretches(result.report.frames);
-  result.report.camera_was_refined = calibration.accepted;
-  result.report.distortion_cost_share = calibration.cost_decrease;
   return result;
 }
 

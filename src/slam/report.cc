@@ -8,6 +8,7 @@ namespace {
 
 constexpr int kEnoughInliers = 60;
 constexpr double kEnoughSpread = 0.5;
+constexpr double kMaxRelativeFocalSigma = 0.01;
 constexpr double kGoodTrust = 0.5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 
@@ -92,6 +93,14 @@ nlohmann::json ToJson(const StretchReport& stretch) {
           {"min_trust", stretch.min_trust}};
 }
 
+nlohmann::json ToJson(const FocalReport& focal) {
+  return {{"guess_px", focal.guess},
+          {"guess_relative_sigma", focal.guess_relative_sigma},
+          {"refined_px", focal.refined},
+          {"sigma_px", focal.sigma},
+          {"determined", focal.IsDetermined()}};
+}
+
 nlohmann::json ToJson(const FrameReport& frame) {
   return {{"localized", frame.localized()},
           {"map", frame.map},
@@ -110,6 +119,8 @@ nlohmann::json ToJsonArray(const std::vector<T>& items) {
 }
 
 }  // namespace
+
+bool FocalReport::IsDetermined() const { return sigma <= kMaxRelativeFocalSigma * refined; }
 
 double FrameTrust(int num_inliers, double spread, double rms_sigma) {
   return std::min(1.0, static_cast<double>(num_inliers) / kEnoughInliers) *
@@ -155,6 +166,7 @@ nlohmann::json ToJson(const Report& report) {
           {"maps_merged", report.num_merged_maps},
           {"camera_was_refined", report.camera_was_refined},
           {"distortion_cost_share", report.distortion_cost_share},
+          {"focal_length", report.focal ? ToJson(*report.focal) : nlohmann::json()},
           {"seconds", report.seconds},
           {"stretches", ToJsonArray(report.stretches)},
           {"per_frame", ToJsonArray(report.frames)}};

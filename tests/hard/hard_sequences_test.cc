@@ -51,9 +51,11 @@ const Scenes& Rendered() {
   return scenes;
 }
 
-slam::Result RunOn(const Camera& camera, const Frames& frames) {
+slam::Result RunOn(const Camera& camera, const Frames& frames,
+                   std::optional<FocalPrior> focal_prior = std::nullopt) {
   slam::Input input;
   input.camera = camera;
+  input.focal_prior = focal_prior;
   for (size_t i = 0; i < frames.size(); ++i) {
     input.times_s.push_back(static_cast<double>(i) / 30.0);
     input.names.push_back(fmt::format("{:06}.png", i));
@@ -205,6 +207,22 @@ TEST_P(Turn, OnTheSpotIsNotTakenForAMotion) {
   ExpectHonest(result, frames);
   EXPECT_GE(CountLocalized(result), static_cast<int>(frames.size()) / 2);
   EXPECT_EQ(result.models.size(), 1U);
+}
+
+TEST(HardSequence, ACameraThatIsNotKnownIsFound) {
+  const Camera& truth = Rendered().room.camera;
+  Camera guess = truth;
+  guess.model = CameraModel::kRadial;
+  guess.params = {1.5 * truth.FocalX(), 0.5 * truth.width, 0.5 * truth.height, 0.0, 0.0};
+  const Frames& frames = Rendered().walk;
+  const slam::Result result = RunOn(guess, frames, FocalPrior{guess.FocalX(), 0.5});
+  ExpectHonest(result, frames);
+  EXPECT_EQ(CountLocalized(result), static_cast<int>(frames.size()));
+  ASSERT_TRUE(result.report.focal.has_value());
+  EXPECT_TRUE(result.report.focal->IsDetermined());
+  const Camera& found = result.models.front().reconstruction.cameras.begin()->second;
+  EXPECT_EQ(found.FocalX(), result.report.focal->refined);
+  EXPECT_NEAR(found.FocalX(), truth.FocalX(), 0.03 * truth.FocalX());
 }
 
 }  // namespace

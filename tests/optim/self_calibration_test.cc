@@ -59,5 +59,69 @@ TEST(SelfCalibration, NeedsPointsSeenThreeTimes) {
   EXPECT_FALSE(RefineDistortion({}, camera, problem).accepted);
 }
 
+/// A camera without distortion, and one that nobody has calibrated.
+Camera MakeRadial(double focal_factor) {
+  Camera camera = testing::MakeTestCamera(CameraModel::kPinhole);
+  camera.model = CameraModel::kRadial;
+  camera.params = {focal_factor * 500.0, 0.5 * camera.width, 0.5 * camera.height, 0.0, 0.0};
+  return camera;
+}
+
+TEST(RefineIntrinsics, FindsFocalLengthDistortionAndPrincipalPoint) {
+  Camera truth = MakeRadial(1.0);
+  truth.params[1] += 8.0;
+  truth.params[3] = -0.08;
+  const Camera guess = MakeRadial(1.2);
+  const FocalPrior prior{guess.FocalX(), 0.5};
+  const auto refinement = RefineIntrinsics({}, guess, prior, MakeProblem(truth));
+  ASSERT_TRUE(refinement.has_value());
+  const double error = refinement->camera.FocalX() - truth.FocalX();
+  EXPECT_LT(std::abs(error), 4.0 * refinement->focal_sigma);
+  EXPECT_LT(refinement->focal_sigma, 5.0);
+  EXPECT_NEAR(refinement->camera.PrincipalX(), truth.PrincipalX(), 4.0);
+  EXPECT_NEAR(refinement->camera.params[3], truth.params[3], 0.02);
+  EXPECT_GT(refinement->mean_score, 0.5);
+}
+
+/// Without any rotation every focal length explains the images, with another depth.
+TEST(RefineIntrinsics, SaysThatAStraightMotionDoesNotDetermineTheFocalLength) {
+  const Camera truth = MakeRadial(1.0);
+  CalibrationProblem problem = MakeProblem(truth);
+  Rng rng(5);
+  problem.observations.clear();
+  for (size_t i = 0; i < problem.poses.size(); ++i) {
+    problem.poses[i] = Rigid3{Eigen::Quaterniond::Identity(),
+                              Eigen::Vector3d(-0.1 * static_cast<double>(i), 0.0, 4.0)};
+    for (size_t p = 0; p < problem.points.size(); ++p) {
+      const auto pixel = truth.ImageFromCamera(problem.poses[i] * problem.points[p]);
+      const Eigen::Vector2d noise(rng.Gaussian(0.0, 0.5), rng.Gaussian(0.0, 0.5));
+      problem.observations.push_back(
+          {static_cast<int>(i), static_cast<int>(p), pixel.value() + noise, 2.0});
+    }
+  }
+  std::sort(problem.observations.begin(), problem.observations.end(),
+            [](const auto& a, const auto& b) { return a.point < b.point; });
+  const Camera guess = MakeRadial(1.2);
+  const auto refinement = RefineIntrinsics({}, guess, {guess.FocalX(), 0.3}, problem);
+  ASSERT_TRUE(refinement.has_value());
+  EXPECT_GT(refinement->focal_sigma, 0.02 * truth.FocalX());
+}
+
+TEST(RefineIntrinsics, LeavesAnExactMapAsItIs) {
+  const Camera truth = MakeRadial(1.0);
+  CalibrationProblem problem = MakeProblem(truth);
+  for (auto& o : problem.observations) {
+    o.pixel = truth.ImageFromCamera(problem.poses[o.pose] * problem.points[o.point]).value();
+  }
+  const auto refinement = RefineIntrinsics({}, truth, {truth.FocalX(), 0.5}, problem);
+  ASSERT_TRUE(refinement.has_value());
+  EXPECT_NEAR(refinement->camera.FocalX(), truth.FocalX(), 1e-4);
+  EXPECT_NEAR(refinement->mean_score, 1.0, 1e-6);
+  for (size_t i = 0; i < problem.poses.size(); ++i) {
+    EXPECT_LT((refinement->poses[i].translation - problem.poses[i].translation).norm(), 1e-5);
+    EXPECT_LT(refinement->poses[i].rotation.angularDistance(problem.poses[i].rotation), 1e-6);
+  }
+}
+
 }  // namespace
 }  // namespace s3lam

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "s3lam/base/options.h"
@@ -45,5 +46,31 @@ struct SelfCalibrationReport {
 /// percent.
 SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, const Camera& camera,
                                        const CalibrationProblem& problem);
+
+/// What is known of a focal length beforehand.
+struct FocalPrior {
+  double focal = 0.0;           // px
+  double relative_sigma = 1.0;  // Of its logarithm.
+};
+
+/// A camera as its images determine it, and the map adjusted with it.
+struct CameraRefinement {
+  Camera camera;
+  double focal_sigma = 0.0;  // px, by the sigmas of the observations and the prior
+  /// Mean over the observations of how much better each is explained than an outlier is: 1 if all
+  /// are explained exactly, 0 if none is.
+  double mean_score = 0.0;
+  std::vector<Rigid3> poses;            // As in the problem.
+  std::vector<Eigen::Vector3d> points;  // As in the problem.
+};
+
+/// Adjusts a SIMPLE_RADIAL or RADIAL camera that is not calibrated together with all poses and
+/// points. Priors (of the principal point: the centre of the image within some per cent of its
+/// size) decide only where the motion does not determine the camera; without any rotation it does
+/// not determine the focal length, and focal_sigma tells. Empty without observations or if the
+/// solver fails.
+std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& options,
+                                                 const Camera& camera, const FocalPrior& prior,
+                                                 const CalibrationProblem& problem);
 
 }  // namespace s3lam

@@ -34,7 +34,6 @@ struct Input {
   FrameObservations observations;
   Constraints constraints;
   PointDescriptors descriptors;  // What the points look like; may be empty.
-  StepStore* steps = nullptr;    // Where solves are kept, for a run that can be gone on with.
 };
 
 struct Output {

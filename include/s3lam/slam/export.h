@@ -27,9 +27,6 @@ class FrameLocalizer {
   const std::vector<int>& keyframe_of_frame_;
 };
 
-/// What the keyframes saw of the points, in original pixels.
-CalibrationProblem MakeCalibrationProblem(const Map& map);
-
 /// The finished map as a model. Point and image ids are counted from 1; colours are sampled in the
 /// keyframes.
 Model Export(const Input& input, const Camera& camera, const Map& map,

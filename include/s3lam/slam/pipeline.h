@@ -11,6 +11,7 @@
 #include "s3lam/scene/frame_observations.h"
 #include "s3lam/scene/reconstruction.h"
 #include "s3lam/scene/trajectory.h"
+#include "s3lam/slam/focal_search.h"
 #include "s3lam/slam/initializer.h"
 #include "s3lam/slam/mapper.h"
 #include "s3lam/slam/report.h"
@@ -33,6 +34,7 @@ struct Options {
   SubmapOptions submaps;
   LoopClosingOptions loops;
   SecondPassOptions second_pass;
+  FocalSearchOptions focal_search;
   SelfCalibrationOptions self_calibration;
   int min_localization_inliers = 15;
   int global_rounds = 5;
@@ -48,6 +50,8 @@ Options Effective(const Options& options);
 /// when `concurrent_reads` is set.
 struct Input {
   Camera camera;
+  /// Set if the camera is a guess, SIMPLE_RADIAL or RADIAL, that is to be refined.
+  std::optional<FocalPrior> focal_prior;
   std::vector<double> times_s;                // Per frame, increasing.
   std::vector<std::string> names;             // Per frame, unique.
   std::function<cv::Mat(size_t)> read_gray;   // 8-bit, one channel
@@ -71,7 +75,8 @@ struct Result {
 };
 
 /// Monocular keyframe SLAM over a whole sequence:
-///   extract features -> learn a vocabulary from them -> from an initial pair, track and map, both
+///   extract features -> learn a vocabulary from them -> if the camera is a guess, look for its
+///   focal length on a stretch of frames -> from an initial pair, track and map, both
 ///   ways; start over where that gets lost for good -> merge maps that meet -> close loops ->
 ///   adjust and match again -> localise every frame in the final maps -> export.
 /// Throws InputError if no map can be started or images do not fit the camera.

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <vector>
 
 #include "s3lam/base/timer.h"
@@ -48,10 +49,22 @@ struct MapReport {
   LoopClosingReport loops;
 };
 
+/// The focal length of a camera that was not known [px].
+struct FocalReport {
+  double guess = 0.0;
+  double guess_relative_sigma = 0.0;
+  double refined = 0.0;
+  double sigma = 0.0;  // By the keypoints' noise alone; what is systematic comes on top.
+
+  /// False where the motion, e.g. a straight one, leaves the focal length near to a guess.
+  [[nodiscard]] bool IsDetermined() const;
+};
+
 struct Report {
-  int num_frames = 0;           // Of the sequence.
-  std::vector<MapReport> maps;  // As Result::models: the largest first.
-  int num_merged_maps = 0;      // Maps that were begun apart and became part of another.
+  int num_frames = 0;                // Of the sequence.
+  std::vector<MapReport> maps;       // As Result::models: the largest first.
+  int num_merged_maps = 0;           // Maps that were begun apart and became part of another.
+  std::optional<FocalReport> focal;  // Unless the camera was known.
   bool camera_was_refined = false;
   double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
   std::vector<FrameReport> frames;
