@@ -11,6 +11,7 @@
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
 #include "s3lam/io/frame_observations.h"
+#include "s3lam/io/keypoint_sigmas.h"
 #include "s3lam/io/semantic_map_io.h"
 #include "s3lam/io/trajectory.h"
 #include "s3lam/refine/pipeline.h"
@@ -27,7 +28,8 @@ constexpr const char* kDescription =
     "Reads  --model      cameras, images, points3D (.bin or .txt); keyframes.txt (TUM, one line "
     "per\n"
     "                    image in ascending image id), frames.txt (poses of all frames) and\n"
-    "                    observations.bin (what those see), where they are there;\n"
+    "                    observations.bin (what those see), keypoint_sigmas.bin (else all\n"
+    "                    keypoints are alike), where they are there; the latter,\n"
     "                    descriptors.bin and project.ini are handed on\n"
     "       --semantics  semantics.json, distributions.npy of that model; an empty folder or none "
     "at\n"
@@ -100,6 +102,11 @@ refine::Input ReadInput(const po::variables_map& arguments) {
   ReadTrajectories(model, input);
   input.semantics = ReadSemantics(Given(arguments, "semantics"), input.model);
   ReadConstraints(arguments, input);
+  if (fs::exists(model / "keypoint_sigmas.bin")) {
+    input.keypoint_sigmas = ReadKeypointSigmas(model / "keypoint_sigmas.bin");
+    CheckKeypointSigmas(input.keypoint_sigmas, input.model,
+                        (model / "keypoint_sigmas.bin").string());
+  }
   if (fs::exists(model / "descriptors.bin")) {
     input.descriptors = ReadDescriptors(model / "descriptors.bin");
   }
@@ -125,6 +132,7 @@ void WriteOutput(const fs::path& model, const refine::Options& options,
     WriteJson(directory / "covariance.json", ToJson(output.covariance, output.model));
   }
   CopyIfPresent(model / "descriptors.bin", directory / "descriptors.bin");
+  CopyIfPresent(model / "keypoint_sigmas.bin", directory / "keypoint_sigmas.bin");
   CopyIfPresent(model / "project.ini", directory / "project.ini");
   WriteJson(directory / "report.json", ToJson(report));
   WriteFile(directory / "report.txt", [&](std::ostream& stream) { stream << ToTable(report); });

@@ -17,6 +17,7 @@
 #include "s3lam/io/frame_observations.h"
 #include "s3lam/io/ignore_masks.h"
 #include "s3lam/io/image_sequence.h"
+#include "s3lam/io/keypoint_sigmas.h"
 #include "s3lam/io/trajectory.h"
 #include "s3lam/slam/pipeline.h"
 
@@ -33,9 +34,9 @@ constexpr const char* kDescription =
     "        (RADIAL); the report says by how much and how surely.\n"
     "Writes  --output: cameras.bin, images.bin, points3D.bin (COLMAP), keyframes.txt and\n"
     "        frames.txt (TUM, world_from_camera), descriptors.bin, observations.bin (what frames\n"
-    "        that are no keyframes see), project.ini, report.json, config.json. Where the "
-    "sequence\n"
-    "        falls apart, this is the largest map; others that do not meet it go to the folders "
+    "        that are no keyframes see), keypoint_sigmas.bin, project.ini, report.json,\n"
+    "        config.json. Where the sequence falls apart, this is the largest map; others that do "
+    "not meet it go to the folders "
     "1,\n"
     "        2, ... of it. The report says which frames are to be trusted.";
 
@@ -114,6 +115,7 @@ void WriteModel(const slam::Model& model, const ImageSequence& sequence,
   WriteTumTrajectory(model.frames, directory / "frames.txt");
   WriteDescriptors(model.descriptors, directory / "descriptors.bin");
   WriteFrameObservations(model.observations, directory / "observations.bin");
+  WriteKeypointSigmas(model.keypoint_sigmas, directory / "keypoint_sigmas.bin");
 }
 
 /// The folder given; throws unless some frame has a mask in it.

@@ -132,12 +132,13 @@ class CeresBundle {
   void AddObservations() {
     for (const BundleObservation& o : bundle_.observations) {
       Camera& camera = CameraOfPose(o.pose);
+      const double sigma_px = options_.sigma_px * o.sigma;
       if (const int plane = ExactPlane(o.point); plane >= 0) {
-        exact_reprojections_.emplace_back(camera.model, o.pixel, options_.sigma_px, frames_[plane]);
+        exact_reprojections_.emplace_back(camera.model, o.pixel, sigma_px, frames_[plane]);
         problem_.AddResidualBlock(&exact_reprojections_.back(), &reprojection_loss_, Pose(o.pose),
                                   in_plane_[o.point].data(), UsePlane(plane), camera.params.data());
       } else {
-        reprojections_.emplace_back(camera.model, o.pixel, options_.sigma_px);
+        reprojections_.emplace_back(camera.model, o.pixel, sigma_px);
         problem_.AddResidualBlock(&reprojections_.back(), &reprojection_loss_, Pose(o.pose),
                                   bundle_.points[o.point].data(), camera.params.data());
       }

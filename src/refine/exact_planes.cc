@@ -97,9 +97,10 @@ std::vector<double> StepsOffPlanes(const BundleProblem& problem, double sigma_px
                         &pixel, &by_point)) {
         continue;
       }
-      const Matrix23 j = by_point * poses[o.pose].rotation.toRotationMatrix() / sigma_px;
+      const double sigma = sigma_px * o.sigma;
+      const Matrix23 j = by_point * poses[o.pose].rotation.toRotationMatrix() / sigma;
       hessian.noalias() += j.transpose() * j;
-      gradient.noalias() += j.transpose() * (pixel - o.pixel) / sigma_px;
+      gradient.noalias() += j.transpose() * (pixel - o.pixel) / sigma;
     }
     if (hessian.isZero(0.0)) continue;
     hessian.diagonal().array() += 1e-12 * hessian.trace();

@@ -54,7 +54,7 @@ std::vector<int> GroundPoints(const SemanticMap& semantics, int class_index, con
     if (cluster.class_index != class_index) continue;
     for (const PointId point : cluster.points) {
       const int index = map.IndexOfPoint(point);
-      if (index >= 0 && model.pixel_size[index] > 0.0) points.push_back(index);
+      if (index >= 0 && model.keypoint_size[index] > 0.0) points.push_back(index);
     }
   }
   std::sort(points.begin(), points.end());
@@ -68,7 +68,7 @@ std::optional<PlaneFit> FitGround(const std::vector<int>& indices, const Eigen::
                                   const BundleProblem& problem) {
   std::vector<UncertainPoint> points;
   for (const int i : indices) {
-    const double sigma = sigma_px * model.pixel_size[i];
+    const double sigma = sigma_px * model.keypoint_size[i];
     points.push_back(
         {problem.points[i], model.covariances[i] + sigma * sigma * Eigen::Matrix3d::Identity()});
   }

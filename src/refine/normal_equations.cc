@@ -160,7 +160,6 @@ double NormalEquations::PointCost(size_t p, const Eigen::Vector3d& point,
                                   const std::vector<Eigen::Matrix3d>& rotations,
                                   const BundleState& state) const {
   double sum = 0.0;
-  const double inverse_variance = 1.0 / (options_.sigma_px * options_.sigma_px);
   for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
     const BundleObservation& o = problem_.observations[k];
     const Camera& camera = problem_.cameras[problem_.camera_of_pose[o.pose]];
@@ -170,7 +169,8 @@ double NormalEquations::PointCost(size_t p, const Eigen::Vector3d& point,
                       nullptr)) {
       return kInfinity;
     }
-    sum += Huber((pixel - o.pixel).squaredNorm() * inverse_variance, options_.huber_reprojection);
+    const double sigma = options_.sigma_px * o.sigma;
+    sum += Huber((pixel - o.pixel).squaredNorm() / (sigma * sigma), options_.huber_reprojection);
   }
   for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
     const double r = PlaneResidual(problem_, state, problem_.points_on_planes[k], point);
@@ -254,7 +254,7 @@ bool NormalEquations::LinearizeObservation(const BundleState& state, size_t k, S
   if (!ProjectPoint(camera.model, camera.params.data(), in_camera, &pixel, &projection)) {
     return false;
   }
-  const double inverse_sigma = 1.0 / options_.sigma_px;
+  const double inverse_sigma = 1.0 / (options_.sigma_px * o.sigma);
   Eigen::Vector2d residual = (pixel - o.pixel) * inverse_sigma;
   const double squared = residual.squaredNorm();
   sums.cost += Huber(squared, options_.huber_reprojection);

@@ -246,7 +246,7 @@ Report Run(const Options& given, const Input& input, Output& output) {
   PlaneModel planes;
   {
     const ScopedStep step(report.seconds, "build");
-    map = BuildBundleMap(input.model);
+    map = BuildBundleMap(input.model, input.keypoint_sigmas);
     SelectObservations(options.outliers, options.solver.sigma_px, true, map);
     AddLooks(input.descriptors, input.semantics, map);
     ApplyConstraints(input.constraints, map);
@@ -263,6 +263,7 @@ Report Run(const Options& given, const Input& input, Output& output) {
   }
   const double sigma_px = options.solver.sigma_px;
   report.keypoint_sigma_px = sigma_px;
+  report.keypoints_differ = !input.keypoint_sigmas.empty();
   {
     const ScopedStep step(report.seconds, "planar");
     CutBendingPlanes(options.bending, input.semantics.class_table, sigma_px, planes, map.problem);

@@ -60,7 +60,7 @@ void EstimateKappa(const PlaneSigmaOptions& options, bool is_free, double sigma_
     const int plane = static_cast<int>(k);
     for (const int i : model.planes[k].members) {
       const double distance = Distance(problem, plane, i);
-      const double unit = sigma_px * model.pixel_size[i];
+      const double unit = sigma_px * model.keypoint_size[i];
       samples[model.planes[k].class_index].push_back(
           {distance * distance, NormalVariance(model, problem, plane, i), unit * unit});
     }
@@ -89,7 +89,7 @@ void LimitUncertainty(const PlaneOptions& options, double sigma_px, const Bundle
     PlaneState& state = model.planes[k];
     std::vector<Candidate> best;
     for (const int i : state.candidates) {
-      if (!(model.pixel_size[i] > 0.0)) continue;
+      if (!(model.keypoint_size[i] > 0.0)) continue;
       const double sigma = PlaneSigma(options.sigma, model, sigma_px, state, i);
       const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
       const double distance = std::abs(Distance(problem, static_cast<int>(k), i));
@@ -118,7 +118,7 @@ void GateMembers(const PlaneSigmaOptions& options, double sigma_px, double gate,
     state.members.clear();
     if (!state.in_use) continue;
     for (const int i : state.candidates) {
-      if (!(model.pixel_size[i] > 0.0)) continue;
+      if (!(model.keypoint_size[i] > 0.0)) continue;
       const int plane = static_cast<int>(k);
       if (Innovation(Distance(problem, plane, i), NormalVariance(model, problem, plane, i),
                      PlaneSigma(options, model, sigma_px, state, i), false) <= gate) {
@@ -137,7 +137,7 @@ void DropBentParts(const PlaneOptions& options, double sigma_px, std::vector<int
       continue;  // Drift of the scale bends it: that is what it is there to undo.
     std::vector<int> near;
     for (const int i : state.candidates) {
-      if (model.pixel_size[i] > 0.0) near.push_back(i);
+      if (model.keypoint_size[i] > 0.0) near.push_back(i);
     }
     const std::vector<uint8_t> is_flat =
         FlatCells(options.membership.cells,

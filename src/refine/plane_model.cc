@@ -151,12 +151,13 @@ PlaneModel BuildPlaneModel(const MembershipOptions& options, const SemanticMap& 
 }
 
 void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel& model) {
-  model.pixel_size = PixelSizes(problem);
+  model.keypoint_size = KeypointSizes(problem);
   model.covariances = TriangulationCovariances(problem, sigma_px);
+  const std::vector<double> pixel_size = PixelSizes(problem);
   std::vector<double> depths;
   for (const BundleObservation& o : problem.observations) {
     const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
-    depths.push_back(model.pixel_size[o.point] * camera.MeanFocal());
+    depths.push_back(pixel_size[o.point] * camera.MeanFocal());
   }
   model.median_depth = Median(std::move(depths));
 }
@@ -171,7 +172,7 @@ double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, dou
     case PlaneSigmaKind::kPixel:
       break;
   }
-  return plane.kappa * sigma_px * model.pixel_size[point];
+  return plane.kappa * sigma_px * model.keypoint_size[point];
 }
 
 double TermSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
@@ -179,7 +180,7 @@ double TermSigma(const PlaneSigmaOptions& options, const PlaneModel& model, doub
   if (options.kind != PlaneSigmaKind::kPixel) {
     return PlaneSigma(options, model, sigma_px, plane, point);
   }
-  return options.min_kappa * sigma_px * model.pixel_size[point];
+  return options.min_kappa * sigma_px * model.keypoint_size[point];
 }
 
 std::vector<UncertainPoint> UncertainPoints(const PlaneSigmaOptions& options, double sigma_px,
@@ -201,7 +202,7 @@ std::optional<PlaneFit> FitMembers(const PlaneSigmaOptions& options, double sigm
                                    const BundleProblem& problem) {
   std::vector<int> members;
   for (const int i : state.members) {
-    if (model.pixel_size[i] > 0.0) members.push_back(i);
+    if (model.keypoint_size[i] > 0.0) members.push_back(i);
   }
   std::vector<size_t> all(members.size());
   std::iota(all.begin(), all.end(), size_t{0});
@@ -243,8 +244,8 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
       const double sigma_i = PlaneSigma(sigma, model, sigma_px, state, i);
       const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
       if (stays) {
-        is_member = was_member && model.pixel_size[i] > 0.0;
-      } else if (model.pixel_size[i] > 0.0) {
+        is_member = was_member && model.keypoint_size[i] > 0.0;
+      } else if (model.keypoint_size[i] > 0.0) {
         const double innovation =
             Innovation(Distance(problem, static_cast<int>(k), i), variance, sigma_i, was_member);
         is_member = innovation <= options.max_sigma &&

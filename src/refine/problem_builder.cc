@@ -18,6 +18,18 @@ std::vector<Rigid3> PosesOf(const BundleProblem& problem) {
   return poses;
 }
 
+void SetRelativeSigmas(const KeypointSigmas& sigmas, BundleMap& map) {
+  std::vector<double> all;
+  for (size_t k = 0; k < map.elements.size(); ++k) {
+    const TrackElement& element = map.elements[k];
+    const double sigma = sigmas.at(element.image_id).at(element.point2D_index);
+    map.observations[k].sigma = sigma;
+    all.push_back(sigma);
+  }
+  const double median = Median(std::move(all));
+  for (BundleObservation& o : map.observations) o.sigma /= median;
+}
+
 /// Leaves out observations of points and images that have too few, until none is left to remove.
 size_t RemoveUnderdetermined(int min_image_observations, const BundleMap& map,
                              std::vector<uint8_t>& use) {
@@ -71,7 +83,7 @@ int BundleMap::IndexOfPoint(PointId id) const {
   return it != point_ids.end() && *it == id ? static_cast<int>(it - point_ids.begin()) : -1;
 }
 
-BundleMap BuildBundleMap(const Reconstruction& reconstruction) {
+BundleMap BuildBundleMap(const Reconstruction& reconstruction, const KeypointSigmas& sigmas) {
   BundleMap map;
   std::map<CameraId, int> camera_index;
   for (const auto& [id, camera] : reconstruction.cameras) {
@@ -100,6 +112,7 @@ BundleMap BuildBundleMap(const Reconstruction& reconstruction) {
           {image_index.at(element.image_id), index, image.points2D[element.point2D_index].xy});
     }
   }
+  if (!sigmas.empty()) SetRelativeSigmas(sigmas, map);
   map.is_used.assign(map.observations.size(), 0);
   return map;
 }
@@ -127,7 +140,7 @@ ObservationCounts SelectObservations(const OutlierOptions& options, double sigma
         !ProjectPoint(camera.model, camera.params.data(), in_camera[k], &pixel, nullptr)) {
       ++counts.behind;
     } else if (!keep_large_errors &&
-               (pixel - o.pixel).norm() > options.max_reprojection_sigma * sigma_px) {
+               (pixel - o.pixel).norm() > options.max_reprojection_sigma * sigma_px * o.sigma) {
       ++counts.outliers;
     } else {
       use[k] = 1;
@@ -181,7 +194,7 @@ double MeasureKeypointSigma(const BundleMap& map) {
       Eigen::Vector2d pixel;
       if (ProjectPoint(camera.model, camera.params.data(), poses[o.pose] * problem.points[point],
                        &pixel, nullptr)) {
-        errors.push_back(correction * (pixel - o.pixel).norm());
+        errors.push_back(correction * (pixel - o.pixel).norm() / o.sigma);
       }
     }
   }
@@ -200,7 +213,7 @@ std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& probl
                       &pixel, &by_point)) {
       continue;
     }
-    const Matrix23 j = by_point * poses[o.pose].rotation.toRotationMatrix() / sigma_px;
+    const Matrix23 j = by_point * poses[o.pose].rotation.toRotationMatrix() / (sigma_px * o.sigma);
     covariances[o.point].noalias() += j.transpose() * j;
   }
   for (Eigen::Matrix3d& matrix : covariances) {
@@ -212,7 +225,10 @@ std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& probl
   return covariances;
 }
 
-std::vector<double> PixelSizes(const BundleProblem& problem) {
+namespace {
+
+/// Median over a point's observations of depth / focal length, or of that times their sigmas.
+std::vector<double> SizesAtPoints(const BundleProblem& problem, bool of_keypoints) {
   const std::vector<Rigid3> poses = PosesOf(problem);
   std::vector<double> sizes(problem.points.size(), 0.0);
   std::vector<double> of_point;
@@ -223,11 +239,22 @@ std::vector<double> PixelSizes(const BundleProblem& problem) {
     for (end = begin; end < observations.size() && observations[end].point == point; ++end) {
       const int pose = observations[end].pose;
       const Camera& camera = problem.cameras[problem.camera_of_pose[pose]];
-      of_point.push_back((poses[pose] * problem.points[point]).z() / camera.MeanFocal());
+      const double unit = of_keypoints ? observations[end].sigma : 1.0;
+      of_point.push_back(unit * (poses[pose] * problem.points[point]).z() / camera.MeanFocal());
     }
     sizes[point] = Median(of_point);
   }
   return sizes;
+}
+
+}  // namespace
+
+std::vector<double> PixelSizes(const BundleProblem& problem) {
+  return SizesAtPoints(problem, false);
+}
+
+std::vector<double> KeypointSizes(const BundleProblem& problem) {
+  return SizesAtPoints(problem, true);
 }
 
 Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& original) {

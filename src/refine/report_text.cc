@@ -156,6 +156,7 @@ json ToJson(const RefineReport& report) {
       {"points_merged", report.num_merged},
       {"exact_planes", {{"planes", report.num_exact_planes}, {"points", report.num_exact_points}}},
       {"keypoint_sigma_px", report.keypoint_sigma_px},
+      {"keypoints_differ", report.keypoints_differ},
       {"median_depth", report.median_depth},
       {"metres_per_unit", report.metres_per_unit},
       {"gauge_scale_change", report.gauge_scale_change},

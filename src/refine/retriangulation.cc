@@ -48,7 +48,8 @@ class Observer {
     return ViewingRay{poses_[map_.observations[k].pose], *normalized};
   }
 
-  /// Reprojection error of an observation if its point were here [px]; infinite from behind.
+  /// Reprojection error of an observation if its point were here, in relative sigmas of its
+  /// keypoint [px]; infinite from behind.
   [[nodiscard]] double Error(size_t k, const Eigen::Vector3d& point) const {
     const Camera& camera = CameraOf(k);
     Eigen::Vector2d pixel;
@@ -56,7 +57,7 @@ class Observer {
                       &pixel, nullptr)) {
       return std::numeric_limits<double>::infinity();
     }
-    return (pixel - map_.observations[k].pixel).norm();
+    return (pixel - map_.observations[k].pixel).norm() / map_.observations[k].sigma;
   }
 
  private:

@@ -24,7 +24,8 @@ ImageId ImageOfFrame(int frame) { return ImageId(static_cast<uint32_t>(frame) + 
 
 /// Images with all their keypoints, at the pixels where they were found.
 void AddImages(const Input& input, Camera camera, const Map& map, const std::vector<int>& keyframes,
-               Reconstruction& reconstruction) {
+               Model& model) {
+  Reconstruction& reconstruction = model.reconstruction;
   camera.id = CameraId(1);
   reconstruction.cameras[camera.id] = camera;
   for (const int k : keyframes) {
@@ -36,8 +37,10 @@ void AddImages(const Input& input, Camera camera, const Map& map, const std::vec
     image.cam_from_world = map.keyframe(k).cam_from_world;
     const FrameFeatures& features = map.features(k);
     image.points2D.resize(static_cast<size_t>(features.size()));
+    std::vector<float>& sigmas = model.keypoint_sigmas[image.id];
     for (int i = 0; i < features.size(); ++i) {
       image.points2D[i].xy = features.keypoint(i).pixel.cast<double>();
+      sigmas.push_back(features.keypoint(i).sigma);
     }
     reconstruction.images.emplace(image.id, std::move(image));
   }
@@ -128,7 +131,7 @@ void AddTrajectories(const Input& input, const std::vector<FrameTrack>& localize
 Model Export(const Input& input, const Camera& camera, const Map& map,
              const std::vector<FrameTrack>& localized) {
   Model model;
-  AddImages(input, camera, map, KeyframesInTime(map), model.reconstruction);
+  AddImages(input, camera, map, KeyframesInTime(map), model);
   const std::vector<PointId> point_ids = AddPoints(map, model);
   AddFrameObservations(input, map, localized, point_ids, model);
   AddColors(input, model.reconstruction);

@@ -94,9 +94,9 @@ TEST_P(Masks, EveryKeyframeHasItsMask) {
 }
 
 TEST_P(Masks, OutputsAreComplete) {
-  for (const char* name :
-       {"cameras.bin", "images.bin", "points3D.bin", "keyframes.txt", "frames.txt",
-        "descriptors.bin", "observations.bin", "project.ini", "report.json", "config.json"}) {
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin", "keyframes.txt",
+                           "frames.txt", "descriptors.bin", "observations.bin",
+                           "keypoint_sigmas.bin", "project.ini", "report.json", "config.json"}) {
     EXPECT_TRUE(std::filesystem::exists(ChainFolder("1_slam") / name)) << name;
     EXPECT_TRUE(std::filesystem::exists(ChainFolder(Refined()) / name)) << name;
   }

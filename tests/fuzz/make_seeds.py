@@ -219,6 +219,8 @@ SEEDS = {
     "label_map": {"json": text({"1": 7, "2": None})},
     "observations": {"two": b"S3OBSV01" + counted(
         [struct.pack("<dIQQfff", t, 1, 1, 7, 1.5, 2.5, 0.5) for t in (0.0, 0.5)])},
+    "keypoint_sigmas": {"two": b"S3KSIG01" + counted(
+        [struct.pack("<IQff", i, 2, 0.5, 1.25) for i in (1, 4)])},
     "image_file": PNGS | NETPBM | {"jpeg": JPEG},
     "exif": {"film": exif("<", [(0xA405, 3, 28)]),
              "plane": exif(">", [(0x920A, 5, (50, 10)), (0xA002, 4, 4000),

@@ -17,6 +17,7 @@
 #include "s3lam/io/frame_observations.h"
 #include "s3lam/io/image_file.h"
 #include "s3lam/io/image_sequence.h"
+#include "s3lam/io/keypoint_sigmas.h"
 #include "s3lam/io/label_map.h"
 #include "s3lam/io/npy.h"
 #include "s3lam/io/panoptic_masks.h"
@@ -274,6 +275,13 @@ void Observations(std::string_view bytes) {
   Require(written.str() == bytes, "observations are written as they were read");
 }
 
+void Sigmas(std::string_view bytes) {
+  std::istringstream stream{std::string(bytes)};
+  std::ostringstream written;
+  WriteKeypointSigmas(ReadKeypointSigmas(stream, "input"), written);
+  Require(written.str() == bytes, "sigmas are written as they were read");
+}
+
 void ImageFileBytes(std::string_view bytes) {
   const fs::path path = PathOf(bytes);
   const cv::Mat image = ReadImageFile(path, cv::IMREAD_ANYCOLOR);
@@ -381,6 +389,7 @@ constexpr std::array kTargets = {
     Target{"segments_json", SegmentsJson},
     Target{"label_map", LabelMapJson},
     Target{"observations", Observations},
+    Target{"keypoint_sigmas", Sigmas},
     Target{"image_file", ImageFileBytes},
     Target{"exif", Exif},
     Target{"tum_list", TumList},

@@ -132,6 +132,11 @@ TEST_F(BadRefine, DescriptorsAreCutShort) {
   ExpectPlainRefused(kBadInput, {"descriptors.bin"});
 }
 
+TEST_F(BadRefine, SigmasOfOtherKeypoints) {
+  inputs_.Write("model/keypoint_sigmas.bin", std::string("S3KSIG01") + std::string(8, '\0'));
+  ExpectPlainRefused(kBadInput, {"keypoint_sigmas.bin", "of another model"});
+}
+
 TEST_F(BadRefine, ConstantPartsThatTheModelDoesNotHave) {
   inputs_.Write("constant.json", R"({"images": ["nowhere.png"]})");
   ExpectPlainRefused(kBadInput, {"constant.json", "nowhere.png"},

@@ -5,6 +5,7 @@
 #include "refine/refine_fixture.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/options_json.h"
+#include "s3lam/base/rng.h"
 #include "s3lam/geometry/alignment.h"
 #include "s3lam/synthetic/synthetic_map.h"
 
@@ -129,6 +130,49 @@ TEST(Refine, TheKeypointsSigmaIsMeasuredWhereItIsNotGiven) {
     Options options = WithMode(PlaneMode::kOff);
     options.keypoint_sigma_px = 2.0;
     EXPECT_EQ(refine::Run(options, MakeInput(map), output).keypoint_sigma_px, 2.0);
+  }
+}
+
+/// Every keypoint of the map with this sigma.
+KeypointSigmas AllSigmas(const Reconstruction& model, float sigma) {
+  KeypointSigmas sigmas;
+  for (const auto& [id, image] : model.images) sigmas[id].assign(image.points2D.size(), sigma);
+  return sigmas;
+}
+
+TEST(Refine, KeypointsCountByTheirSigmas) {
+  const SyntheticMap map = MakeDeskMap({"pixel_sigma=0.3"});
+  Input input = MakeInput(map);
+  KeypointSigmas sigmas = AllSigmas(map.estimate, 0.3F);
+  Rng rng(5);
+  for (auto& [id, image] : input.model.images) {
+    for (size_t k = 0; k < image.points2D.size(); k += 2) {  // Every other one is poor.
+      image.points2D[k].xy += 2.0 * Eigen::Vector2d(rng.Gaussian(), rng.Gaussian());
+      sigmas[id][k] = 2.0F;
+    }
+  }
+  for (const PlaneMode mode : {PlaneMode::kOff, PlaneMode::kJoint}) {
+    Output alike;
+    Output weighed;
+    EXPECT_FALSE(refine::Run(WithMode(mode), input, alike).keypoints_differ);
+    Input with_sigmas = input;
+    with_sigmas.keypoint_sigmas = sigmas;
+    EXPECT_TRUE(refine::Run(WithMode(mode), with_sigmas, weighed).keypoints_differ);
+    EXPECT_LT(AlignedCenterError(weighed.model, map.truth),
+              0.7 * AlignedCenterError(alike.model, map.truth));
+  }
+}
+
+TEST(Refine, EqualSigmasOfAnySizeChangeNothing) {
+  const SyntheticMap map = MakeDeskMap();
+  Output without;
+  refine::Run(Options(), MakeInput(map), without);
+  for (const float sigma : {0.2F, 7.0F}) {
+    Input input = MakeInput(map);
+    input.keypoint_sigmas = AllSigmas(map.estimate, sigma);
+    Output output;
+    refine::Run(Options(), input, output);
+    EXPECT_TRUE(SameBytes(without.model, output.model));
   }
 }
 

@@ -43,6 +43,9 @@ BundleProblem MakeProblem(const Parts& parts, double outliers = 0.0) {
   map.problem.gauge = ChooseGauge(map.problem);
   BundleProblem& problem = map.problem;
   if (!parts.planes) return problem;
+  for (size_t k = 0; k < problem.observations.size(); ++k) {
+    problem.observations[k].sigma = 0.8 + 0.2 * static_cast<double>(k % 3);
+  }
   for (const auto& [id, surface] : synthetic.semantics.planes) {
     const int plane = static_cast<int>(problem.planes.size());
     problem.planes.push_back(

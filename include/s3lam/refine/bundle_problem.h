@@ -16,6 +16,7 @@ struct BundleObservation {
   int pose = 0;
   int point = 0;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  // px
+  double sigma = 1.0;  // Of the pixel, in units of BundleSolverOptions::sigma_px.
 };
 
 /// A plane (n, h) with n . (x - anchor) + h = 0, |n| = 1.

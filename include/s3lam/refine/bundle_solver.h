@@ -15,7 +15,8 @@ enum class LinearSolver { kAuto, kDenseSchur, kSparseSchur, kIterativeSchur };
 enum class SolverBackend { kAuto, kSchur, kCeres };
 
 struct BundleSolverOptions {
-  double sigma_px = 1.0;  // Of a keypoint; not a configuration value: see OuterLoopSettings.
+  double sigma_px = 1.0;  // Of a keypoint of relative sigma one; not a configuration value: see
+                          // OuterLoopSettings.
   double huber_reprojection = 2.4477;  // sqrt(5.991): 95 % of chi-squared with 2 dof
   double huber_plane = 1.9600;         // sqrt(3.841): 95 % with 1 dof
   int max_iterations = 50;
@@ -37,7 +38,7 @@ struct BundleSolverReport {
 };
 
 /// Minimises
-///   sum rho(|| (proj(T_i X_j) - x_ij) / sigma_px ||) + sum rho((n_k . X_j + d_k) / sigma_j)
+///   sum rho(|| (proj(T_i X_j) - x_ij) / (sigma_px s_ij) ||) + sum rho((n_k . X_j + d_k) / sigma_j)
 ///   + relations between planes + constant camera height
 /// Points are eliminated first, planes and height stay with the poses. On return the problem holds
 /// the solution, the same bytes for any number of threads. The project's own solver

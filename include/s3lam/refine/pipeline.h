@@ -9,6 +9,7 @@
 #include "s3lam/refine/outer_loop.h"
 #include "s3lam/refine/report.h"
 #include "s3lam/scene/constraints.h"
+#include "s3lam/scene/keypoint_sigmas.h"
 #include "s3lam/scene/reconstruction.h"
 #include "s3lam/scene/semantic_map.h"
 #include "s3lam/scene/trajectory.h"
@@ -33,7 +34,8 @@ struct Input {
   /// What frames that are no images of the model see of its points; may be empty.
   FrameObservations observations;
   Constraints constraints;
-  PointDescriptors descriptors;  // What the points look like; may be empty.
+  KeypointSigmas keypoint_sigmas;  // Empty: all alike.
+  PointDescriptors descriptors;    // What the points look like; may be empty.
 };
 
 struct Output {

@@ -16,7 +16,7 @@ namespace s3lam {
 
 /// What the sigma of a point-plane residual is made of.
 enum class PlaneSigmaKind {
-  kPixel,          // kappa of the class x sigma_px x depth / f: has no unit, follows the scene.
+  kPixel,  // kappa of the class x keypoint sigma x depth / f: has no unit, follows the scene.
   kRelativeDepth,  // alpha x the map's median depth: alpha = 0.01 is the paper's weight.
   kMetric,         // metres / metres_per_unit.
 };
@@ -78,7 +78,7 @@ struct PlaneState {
 /// Planes with the uncertainty of their points.
 struct PlaneModel {
   std::vector<PlaneState> planes;            // As BundleProblem::planes.
-  std::vector<double> pixel_size;            // See PixelSizes.
+  std::vector<double> keypoint_size;         // See KeypointSizes.
   std::vector<Eigen::Matrix3d> covariances;  // See TriangulationCovariances.
   std::vector<double> kappa_of_class;        // Zero for classes without a plane.
   double median_depth = 0.0;                 // [map units]

@@ -6,6 +6,7 @@
 #include "s3lam/base/options.h"
 #include "s3lam/refine/bundle_problem.h"
 #include "s3lam/scene/descriptor.h"
+#include "s3lam/scene/keypoint_sigmas.h"
 #include "s3lam/scene/reconstruction.h"
 
 namespace s3lam {
@@ -42,8 +43,10 @@ struct BundleMap {
   [[nodiscard]] int IndexOfPoint(PointId id) const;
 };
 
-/// All images and points, none used yet: call SelectObservations.
-BundleMap BuildBundleMap(const Reconstruction& reconstruction);
+/// All images and points, none used yet: call SelectObservations. The sigmas of the keypoints, one
+/// for every keypoint or none at all, become parts of their median over the observations; without
+/// them all keypoints are alike.
+BundleMap BuildBundleMap(const Reconstruction& reconstruction, const KeypointSigmas& sigmas = {});
 
 /// How many observations are in use and what was left out, and why.
 struct ObservationCounts {
@@ -56,17 +59,17 @@ struct ObservationCounts {
 };
 
 /// Decides anew for every observation whether it is used, at the present poses and points: in front
-/// of its camera, error at most max_reprojection_sigma (no limit if `keep_large_errors`), of a
-/// point that two or more images see, in an image that sees enough.
+/// of its camera, error at most max_reprojection_sigma of its keypoint (no limit if
+/// `keep_large_errors`), of a point that two or more images see, in an image that sees enough.
 ObservationCounts SelectObservations(const OutlierOptions& options, double sigma_px,
                                      bool keep_large_errors, BundleMap& map);
 
 /// First image in use as the fixed one, and the one farthest from it to hold the scale.
 Gauge ChooseGauge(const BundleProblem& problem);
 
-/// Standard deviation of a keypoint [px], from the median reprojection error of all observations,
-/// those not in use among them, since a choice by their error would make it too small; at least
-/// 0.1, so that exact data does not make it zero.
+/// Standard deviation of a keypoint of relative sigma one [px], from the median reprojection error
+/// of all observations, those not in use among them, since a choice by their error would make it
+/// too small; at least 0.1, so that exact data does not make it zero.
 double MeasureKeypointSigma(const BundleMap& map);
 
 /// Inverse of the Hessian of each point's reprojection errors with the poses held: the covariance
@@ -77,6 +80,10 @@ std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& probl
 /// Per point: median depth over the cameras that see it divided by their focal length, i.e. the
 /// size of a pixel at the point [map units / px]; zero for a point that is not in use.
 std::vector<double> PixelSizes(const BundleProblem& problem);
+
+/// The same with each camera's pixel times the relative sigma of the keypoint there: what a point's
+/// keypoints are uncertain by at the point, in units of sigma_px.
+std::vector<double> KeypointSizes(const BundleProblem& problem);
 
 /// The reconstruction with refined cameras, poses and points, without the observations that are not
 /// in use and the points that have fewer than two left. Images that were not in the problem keep

@@ -53,7 +53,8 @@ struct RefineReport {
   std::string note;  // Why it is plain bundle adjustment, if it is one although planes were wanted.
   size_t num_retriangulated = 0, num_merged = 0;      // Points, over all iterations.
   size_t num_exact_planes = 0, num_exact_points = 0;  // Mode hard.
-  double keypoint_sigma_px = 0.0;                     // Given or measured.
+  double keypoint_sigma_px = 0.0;                     // Of the median keypoint, given or measured.
+  bool keypoints_differ = false;                      // Each has a sigma of its own.
   double median_depth = 0.0;                          // [map units]
   double metres_per_unit = 0.0;     // If the camera's height is known: the output is in metres.
   double gauge_scale_change = 0.0;  // Of the held distance, relative: zero if the gauge held.

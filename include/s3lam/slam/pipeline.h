@@ -9,6 +9,7 @@
 #include "s3lam/optim/self_calibration.h"
 #include "s3lam/scene/descriptor.h"
 #include "s3lam/scene/frame_observations.h"
+#include "s3lam/scene/keypoint_sigmas.h"
 #include "s3lam/scene/reconstruction.h"
 #include "s3lam/scene/trajectory.h"
 #include "s3lam/slam/focal_search.h"
@@ -64,6 +65,7 @@ struct Input {
 struct Model {
   Reconstruction reconstruction;  // Keyframes only; image ids ascend in time.
   PointDescriptors descriptors;
+  KeypointSigmas keypoint_sigmas;
   Trajectory keyframes;  // world_from_camera, ascending time: one per image of the reconstruction.
   Trajectory frames;     // All localised frames.
   FrameObservations observations;  // What localised frames that are no keyframes see.
