@@ -9,6 +9,7 @@
 
 #include "s3lam/base/rng.h"
 #include "s3lam/base/statistics.h"
+#include "s3lam/refine/camera_heights.h"
 #include "s3lam/robust/plane_fit.h"
 
 namespace s3lam {
@@ -22,6 +23,9 @@ constexpr double kReachHeights = 40.0;
 /// A camera takes no part if the ground under it is less certain than this [sigma of the height]:
 /// its ground points lie aside or far ahead.
 constexpr double kMaxFootSigmas = 2.0;
+/// Cameras nearer to each other along the path than this [camera heights] ride on the same bump: a
+/// car heaves and pitches once or twice a second, which is half a wave every few metres.
+constexpr double kBumpHeights = 4.0;
 constexpr uint64_t kGroundSeed = 0x67726f756e64ULL;
 
 /// Cameras in the order of their images and how far along the path each is.
@@ -97,14 +101,6 @@ double GuessHeight(const CameraPath& path, const std::vector<int>& ground, doubl
     if (fit) heights.push_back(fit->plane.SignedDistance(path.centers[i]));
   }
   return Median(std::move(heights));
-}
-
-/// Standard deviation of a camera's height over a plane fitted to points that may lie aside of it.
-double HeightSigma(const PlaneFit& fit, const Eigen::Vector3d& center) {
-  const Eigen::Vector3d arm = center - fit.centroid;
-  // d(distance) / d(rotations about u and v, shift), as PlaneFit::covariance has them.
-  const Eigen::Vector3d lever(-fit.axis_v.dot(arm), fit.axis_u.dot(arm), -1.0);
-  return std::sqrt(std::max(0.0, lever.dot(fit.covariance * lever)));
 }
 
 /// One stretch of the path with the ground under it.
@@ -308,10 +304,13 @@ class GroundBuilder {
 
   void AddHeights() {
     map_.problem.height = report_.height;
+    const double num_bumps = std::max(1.0, options_.plane_length_heights / kBumpHeights);
     for (const auto& [s, plane] : plane_of_stretch_) {
-      for (const size_t i : stretches_[s].cameras) {
-        map_.problem.heights.push_back({path_.poses[i], plane, options_.sigma_relative});
-      }
+      const std::vector<size_t>& cameras = stretches_[s].cameras;
+      // So many cameras say no more than one per bump.
+      const double repeated = static_cast<double>(cameras.size()) / num_bumps;
+      const double sigma = options_.sigma_relative * std::sqrt(std::max(1.0, repeated));
+      for (const size_t i : cameras) map_.problem.heights.push_back({path_.poses[i], plane, sigma});
     }
   }
 
@@ -332,7 +331,9 @@ class GroundBuilder {
 
 void CameraHeightOptions::Visit(OptionVisitor& v) {
   v.Choice("mode", mode, kModeNames,
-           "constant camera height above the ground: auto asks for evidence, on insists");
+           "constant camera height above the ground: auto asks for evidence, and lets go of it "
+           "where the "
+           "map does not follow; on insists");
   v.Value("class", ground_class, "name of the ground's class");
   v.Value("value", value, "the height, if known: makes the result metric; 0 if not [m]", 0.0, 1e6);
   v.Value("sigma_relative", sigma_relative,
@@ -348,77 +349,6 @@ void CameraHeightOptions::Visit(OptionVisitor& v) {
   v.Value("auto_min_coverage", auto_min_coverage,
           "auto: least part of the cameras with ground under them", 0.0, 1.0);
   v.Value("min_points", min_points, "least number of ground points of a stretch", 3, 1000000);
-}
-
-double HeightSpread(const BundleProblem& problem) {
-  if (problem.heights.empty()) return 0.0;
-  double sum = 0.0;
-  double squared = 0.0;
-  for (const HeightTerm& term : problem.heights) {
-    const double h = problem.planes[term.plane].PlaneInWorld().SignedDistance(
-        FromPoseBlock(problem.poses[term.pose].data()).CenterInB());
-    sum += h;
-    squared += h * h;
-  }
-  const double n = static_cast<double>(problem.heights.size());
-  const double mean = sum / n;
-  return std::sqrt(std::max(0.0, squared / n - mean * mean)) / mean;
-}
-
-HeightEvidence MeasureHeights(const CameraHeightOptions& options, const PlaneSigmaOptions& sigma,
-                              double sigma_px, const PlaneModel& model,
-                              const BundleProblem& problem) {
-  constexpr double kMaxSigmas = 3.0;
-  struct Height {
-    double value, variance;
-  };
-  std::vector<Height> heights;
-  int fitted = -1;
-  std::optional<PlaneFit> fit;
-  for (const HeightTerm& term : problem.heights) {
-    if (term.plane != fitted) {
-      fitted = term.plane;
-      fit = FitMembers(sigma, sigma_px, model.planes[term.plane], model, problem);
-    }
-    if (!fit) continue;
-    const Eigen::Vector3d center = FromPoseBlock(problem.poses[term.pose].data()).CenterInB();
-    heights.push_back({std::abs(fit->plane.SignedDistance(center)) / problem.height,
-                       std::pow(HeightSigma(*fit, center) / problem.height, 2)});
-  }
-  HeightEvidence evidence;
-  double weights = 0.0;
-  double mean = 0.0;
-  for (Height& height : heights) {
-    height.variance += options.sigma_relative * options.sigma_relative;
-    weights += 1.0 / height.variance;
-    mean += height.value / height.variance;
-  }
-  if (heights.empty()) return evidence;
-  mean /= weights;
-  double squares = 0.0;
-  double normalised = 0.0;
-  for (const Height& height : heights) {
-    const double deviation = height.value / mean - 1.0;
-    squares += deviation * deviation;
-    // A stretch with a wrong plane is far off with all its cameras, and says nothing of the others.
-    normalised += std::min(deviation * deviation / height.variance, kMaxSigmas * kMaxSigmas);
-  }
-  const auto n = static_cast<double>(heights.size());
-  evidence.spread = std::sqrt(squares / n);
-  evidence.excess = std::sqrt(normalised / n);
-  return evidence;
-}
-
-void StrengthenGround(const CameraHeightOptions& options, double excess, PlaneModel& model,
-                      BundleProblem& problem) {
-  constexpr double kMaxFactor = 5.0;
-  constexpr double kMaxStrength = 20.0;
-  if (excess <= 1.0) return;
-  model.ground_strength =
-      std::min(kMaxStrength, model.ground_strength * std::min(excess, kMaxFactor));
-  for (HeightTerm& term : problem.heights) {
-    term.sigma_relative = options.sigma_relative / model.ground_strength;
-  }
 }
 
 GroundReport AddGround(const CameraHeightOptions& options, const SemanticMap& semantics,

@@ -3,23 +3,31 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <set>
 #include <stdexcept>
 
 #include "s3lam/base/log.h"
 #include "s3lam/base/timer.h"
+#include "s3lam/refine/camera_heights.h"
 
 namespace s3lam {
 namespace {
 
-/// How far the heights may vary beyond what is known of them when the rounds end.
-constexpr double kHeightsSettled = 1.2;
+/// May the weight of the heights be raised until the map follows? If it does not follow, the
+/// heights vary in reality, or the ground is not what it was taken for.
+enum class HeightWeights { kHonest, kRaised };
 
 class OuterLoop {
  public:
   /// `planes` and `classes` may be null: without planes.
   OuterLoop(const OuterLoopSettings& settings, const ClassTable* classes, PlaneModel* planes,
-            BundleMap& map)
-      : settings_(settings), classes_(classes), planes_(planes), map_(map) {}
+            BundleMap& map, HeightWeights weights = HeightWeights::kRaised)
+      : settings_(settings),
+        classes_(classes),
+        planes_(planes),
+        map_(map),
+        weights_(weights),
+        heights_(settings.camera_height, settings.planes.sigma, settings.solver.sigma_px) {}
 
   std::vector<OuterIteration> Run() {
     for (int i = 0; i < settings_.outer.max_iterations; ++i) {
@@ -30,10 +38,12 @@ class OuterLoop {
         if (i > 0) {
           UpdatePlanes();
           if (i == 1) RelatePlanes();
-          HoldHeights();
+          if (weights_ == HeightWeights::kRaised) heights_.Update(*planes_, map_.problem);
+          if (heights_.contradicted()) break;
         }
         iteration.membership = AssignPoints(settings_.planes.membership, settings_.planes.sigma,
                                             settings_.solver.sigma_px, *planes_, map_.problem);
+        DropUnusedStructure(*planes_, map_.problem);
         if (iteration.membership.members == 0) {
           spdlog::warn("no plane has enough points near it: the result is without planes");
           break;
@@ -57,6 +67,8 @@ class OuterLoop {
     return iterations_;
   }
 
+  [[nodiscard]] std::string DoubtsAboutHeights() const { return heights_.Doubts(); }
+
  private:
   /// The input must not pass for a result.
   static void CheckProgress(const BundleSolverReport& solve) {
@@ -79,18 +91,6 @@ class OuterLoop {
     RefitPlanes(settings_.planes.sigma, settings_.solver.sigma_px, true, *planes_, map_.problem);
   }
 
-  void HoldHeights() {
-    if (map_.problem.heights.empty()) return;
-    const HeightEvidence heights =
-        MeasureHeights(settings_.camera_height, settings_.planes.sigma, settings_.solver.sigma_px,
-                       *planes_, map_.problem);
-    height_excess_ = heights.excess;
-    StrengthenGround(settings_.camera_height, height_excess_, *planes_, map_.problem);
-    spdlog::info(
-        "measured heights vary by {:.2f} %, {:.2f} times what is explained; strength {:.3g}",
-        100.0 * heights.spread, heights.excess, planes_->ground_strength);
-  }
-
   /// Once, after the first solve with planes has sharpened them.
   void RelatePlanes() {
     if (!settings_.relations.enabled || settings_.planes.mode == PlaneMode::kFixed) return;
@@ -107,7 +107,7 @@ class OuterLoop {
     const bool observations_settled =
         static_cast<double>(changed) <= allowed * static_cast<double>(iteration.observations.total);
     if (!iteration.with_planes) return observations_settled;
-    if (height_excess_ > kHeightsSettled) return false;
+    if (!heights_.Settled()) return false;
     return index > 0 && observations_settled &&
            static_cast<double>(iteration.membership.changed) <=
                allowed * static_cast<double>(iteration.membership.members);
@@ -140,9 +140,48 @@ class OuterLoop {
   PlaneModel* planes_;
   BundleMap& map_;
   ExactPlanes exact_;
-  double height_excess_ = 0.0;
+  HeightWeights weights_;
+  CameraHeights heights_;
   std::vector<OuterIteration> iterations_;
 };
+
+void LogGround(const GroundReport& ground) {
+  if (ground.in_use) {
+    spdlog::info("camera height: {} cameras over {} ground planes, height {:.4g} map units",
+                 ground.num_cameras, ground.num_planes, ground.height);
+  } else {
+    spdlog::info("camera height not used: {}", ground.reason);
+  }
+}
+
+/// What is left of the ground that was found.
+void CountGround(const BundleProblem& problem, GroundReport& ground) {
+  std::set<int> planes;
+  for (const HeightTerm& term : problem.heights) planes.insert(term.plane);
+  ground.num_planes = planes.size();
+  ground.num_cameras = problem.heights.size();
+}
+
+struct PlanarResult {
+  std::vector<OuterIteration> iterations;
+  std::string doubts_about_heights;
+};
+
+PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticMap& semantics,
+                              HeightWeights weights, PlaneModel& planes, BundleMap& map) {
+  if (planes.planes.empty()) return {};
+  for (size_t k = 0; k < planes.planes.size(); ++k) {
+    // The ground under the cameras is what their heights are measured from: never held.
+    map.problem.planes[k].is_constant =
+        settings.planes.mode == PlaneMode::kFixed && !planes.planes[k].is_ground;
+  }
+  InitialisePlanes(settings.planes, settings.solver.sigma_px, planes, map.problem);
+  OuterLoop loop(settings, &semantics.class_table, &planes, map, weights);
+  PlanarResult result;
+  result.iterations = loop.Run();
+  result.doubts_about_heights = loop.DoubtsAboutHeights();
+  return result;
+}
 
 }  // namespace
 
@@ -179,30 +218,37 @@ std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
                                          const SemanticMap& semantics, PlaneModel& planes,
                                          BundleMap& map, GroundReport& ground) {
   if (settings.planes.mode == PlaneMode::kOff || semantics.clusters.empty()) return {};
-  const double sigma_px = settings.solver.sigma_px;
-  FreezeUncertainty(map.problem, sigma_px, planes);
-  if (settings.camera_height.mode != CameraHeightMode::kOff) {
-    ground = AddGround(settings.camera_height, semantics, sigma_px, planes, map);
-    if (ground.in_use) {
-      spdlog::info("camera height: {} cameras over {} ground planes, height {:.4g} map units",
-                   ground.num_cameras, ground.num_planes, ground.height);
+  FreezeUncertainty(map.problem, settings.solver.sigma_px, planes);
+  if (settings.camera_height.mode == CameraHeightMode::kOff) {
+    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map).iterations;
+  }
+  const PlaneModel planes_before = planes;
+  const BundleMap map_before = map;
+  ground = AddGround(settings.camera_height, semantics, settings.solver.sigma_px, planes, map);
+  LogGround(ground);
+  if (!ground.in_use) {
+    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map).iterations;
+  }
+  PlanarResult result = AdjustWithPlanes(settings, semantics, HeightWeights::kRaised, planes, map);
+  if (!result.doubts_about_heights.empty()) {
+    planes = planes_before;
+    map = map_before;
+    if (settings.camera_height.mode == CameraHeightMode::kOn) {
+      spdlog::warn("camera height: {}; it counts for less", result.doubts_about_heights);
+      ground = AddGround(settings.camera_height, semantics, settings.solver.sigma_px, planes, map);
     } else {
-      spdlog::info("camera height not used: {}", ground.reason);
+      ground.in_use = false;
+      ground.reason = result.doubts_about_heights;
+      LogGround(ground);
     }
+    result = AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
   }
-  if (planes.planes.empty()) return {};
-  for (size_t k = 0; k < planes.planes.size(); ++k) {
-    // The ground under the cameras is what their heights are measured from: never held.
-    map.problem.planes[k].is_constant =
-        settings.planes.mode == PlaneMode::kFixed && !planes.planes[k].is_ground;
-  }
-  InitialisePlanes(settings.planes, sigma_px, planes, map.problem);
-  const auto iterations = OuterLoop(settings, &semantics.class_table, &planes, map).Run();
   if (ground.in_use) {
     ground.height = map.problem.height;
     ground.spread_after = HeightSpread(map.problem);
+    CountGround(map.problem, ground);
   }
-  return iterations;
+  return result.iterations;
 }
 
 }  // namespace s3lam

@@ -279,4 +279,12 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
   return counts;
 }
 
+void DropUnusedStructure(const PlaneModel& model, BundleProblem& problem) {
+  const auto unused = [&](int plane) { return !model.planes[plane].in_use; };
+  std::erase_if(problem.relations, [&](const RelationTerm& term) {
+    return unused(term.plane_a) || unused(term.plane_b);
+  });
+  std::erase_if(problem.heights, [&](const HeightTerm& term) { return unused(term.plane); });
+}
+
 }  // namespace s3lam

@@ -51,24 +51,4 @@ struct GroundReport {
 GroundReport AddGround(const CameraHeightOptions& options, const SemanticMap& semantics,
                        double sigma_px, PlaneModel& model, BundleMap& map);
 
-/// What the ground's points alone, as they are, say of the cameras' heights above them.
-struct HeightEvidence {
-  double spread = 0.0;  // Relative standard deviation.
-  double excess = 0.0;  // The same in units of what sigma_relative and the points' noise explain.
-};
-HeightEvidence MeasureHeights(const CameraHeightOptions& options, const PlaneSigmaOptions& sigma,
-                              double sigma_px, const PlaneModel& model,
-                              const BundleProblem& problem);
-
-/// Between two solves: if the measured heights vary by more than can be explained, weighs the
-/// heights and the ground's points more, so that the next solution comes nearer (their sigmas fall
-/// to a fifth at once, to a twentieth in all, at the most). Keypoints share errors that no noise
-/// model has (calibration, rolling shutter), so bundle adjustment is surer of its scale than it
-/// should be, by an unknown factor; how much the height of a camera on wheels varies is known.
-void StrengthenGround(const CameraHeightOptions& options, double excess, PlaneModel& model,
-                      BundleProblem& problem);
-
-/// Relative standard deviation of the cameras' heights over their ground planes; zero without any.
-double HeightSpread(const BundleProblem& problem);
-
 }  // namespace s3lam

@@ -144,4 +144,8 @@ struct MembershipCounts {
 MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,
                               double sigma_px, PlaneModel& model, BundleProblem& problem);
 
+/// Takes relations and camera heights off planes that have too few points: nothing else holds
+/// those.
+void DropUnusedStructure(const PlaneModel& model, BundleProblem& problem);
+
 }  // namespace s3lam
