@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <opencv2/imgproc.hpp>
 #include <optional>
@@ -10,6 +11,7 @@
 
 #include "common/config_files.h"
 #include "common/program.h"
+#include "common/provenance.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
@@ -148,18 +150,26 @@ std::string ReportToTable(const LiftReport& report, const ClassTable& table) {
   return text + "\n";
 }
 
+void InParallel(int num_threads, const std::vector<std::function<void()>>& tasks) {
+  ParallelFor(tasks.size(), num_threads, [&](size_t i) { tasks[i](); });
+}
+
 void WriteColoredModel(const Reconstruction& model, const fs::path& directory) {
   fs::create_directory(directory);
   WriteColmapModel(model, directory);
 }
 
 void WriteResult(const Reconstruction& model, const LiftResult& result, const json& config,
-                 const json& report, const fs::path& directory) {
-  WriteSemanticMap(result.map, directory);
+                 const json& report, int num_threads, const fs::path& directory) {
+  InParallel(
+      num_threads,
+      {[&] { WriteSemanticMap(result.map, directory); },
+       [&] { WritePointsPly(result.map, model, directory / "points.ply"); },
+       [&] { WriteColoredModel(ColorByClass(model, result.map), directory / "model_by_class"); },
+       [&] {
+         WriteColoredModel(ColorByCluster(model, result.map), directory / "model_by_cluster");
+       }});
   WritePlanesPly(result.map, directory / "planes.ply");
-  WritePointsPly(result.map, model, directory / "points.ply");
-  WriteColoredModel(ColorByClass(model, result.map), directory / "model_by_class");
-  WriteColoredModel(ColorByCluster(model, result.map), directory / "model_by_cluster");
   if (result.confusion) {
     WriteNpy(result.confusion->cast<float>(), directory / "confusion.npy");
   }
@@ -240,6 +250,21 @@ void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& c
               {{"frames", names.size()}, {"frames_with_mask", count}, {"ignored_share", mean}});
 }
 
+/// All but the JSON of the masks, of which only the opened masks know.
+Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
+                          const LiftOptions& options) {
+  Provenance provenance("s3-lift", common, OptionsToJson(options));
+  provenance.AddFiles("model", Required(arguments, "model"),
+                      {"cameras.bin", "images.bin", "points3D.bin", "cameras.txt", "images.txt",
+                       "points3D.txt", "descriptors.bin"});
+  provenance.AddListing("masks", Required(arguments, "masks"));
+  provenance.AddFile("classes", FindConfigFile(Required(arguments, "classes"), "classes"));
+  provenance.AddFile("label_map",
+                     FindConfigFile(arguments["label-map"].as<std::string>(), "label_maps"));
+  provenance.AddFile("confusion", arguments["confusion"].as<std::string>());
+  return provenance;
+}
+
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
   if (arguments.count("sequence") > 0) {
     if (arguments.count("model") > 0) throw UsageError("--sequence and --model exclude each other");
@@ -259,21 +284,31 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
 
   const ClassTable table = ReadClassTable(class_path);
   options.confusion = ReadConfusion(arguments["confusion"].as<std::string>(), table);
-  const Reconstruction model = ReadColmapModel(model_path);
+  Reconstruction model;
   DescriptorsByPoint descriptors;
-  if (fs::exists(model_path / "descriptors.bin")) {
-    descriptors = ReadDescriptors(model_path / "descriptors.bin");
-  }
-  const PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
+  std::optional<PanopticMasks> opened;
+  std::optional<Provenance> provenance;
+  InParallel(common.threads, {[&] {
+                                model = ReadColmapModel(model_path);
+                                if (fs::exists(model_path / "descriptors.bin")) {
+                                  descriptors = ReadDescriptors(model_path / "descriptors.bin");
+                                }
+                              },
+                              [&] { opened = OpenMasks(arguments, mask_path, format, table); },
+                              [&] { provenance = DescribeInputs(arguments, common, options); }});
+  const PanopticMasks& masks = *opened;
+  provenance->AddFile("mask_json", masks.json_path());
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(masks, model);
 
   const LiftResult result = LiftSemantics(
       model, table, [&](const Image& image) { return source.Read(image); }, descriptors, options);
-  const json report = ReportToJson(result.report, table);
-  WriteResult(model, result, OptionsToJson(options), report, output.path());
+  json report = ReportToJson(result.report, table);
+  provenance->AddTo(report);
+  WriteResult(model, result, provenance->config(), report, common.threads, output.path());
   output.Commit();
+  report.erase("config");
   PrintReport(common, ReportToTable(result.report, table), report);
 }
 

@@ -1,7 +1,9 @@
 #include <filesystem>
 #include <optional>
 
+#include "common/checkpoint.h"
 #include "common/program.h"
+#include "common/provenance.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
@@ -119,7 +121,7 @@ void CopyIfPresent(const fs::path& from, const fs::path& to) {
 
 void WriteOutput(const fs::path& model, const refine::Options& options,
                  const refine::Output& output, const refine::Report& report,
-                 const fs::path& directory) {
+                 const nlohmann::json& figures, const fs::path& directory) {
   WriteColmapModel(output.model, directory);
   if (!output.keyframes.empty()) WriteTumTrajectory(output.keyframes, directory / "keyframes.txt");
   if (!output.frames.empty()) WriteTumTrajectory(output.frames, directory / "frames.txt");
@@ -134,9 +136,23 @@ void WriteOutput(const fs::path& model, const refine::Options& options,
   CopyIfPresent(model / "descriptors.bin", directory / "descriptors.bin");
   CopyIfPresent(model / "keypoint_sigmas.bin", directory / "keypoint_sigmas.bin");
   CopyIfPresent(model / "project.ini", directory / "project.ini");
-  WriteJson(directory / "report.json", ToJson(report));
+  WriteJson(directory / "report.json", figures);
   WriteFile(directory / "report.txt", [&](std::ostream& stream) { stream << ToTable(report); });
   WriteJson(directory / "config.json", OptionsToJson(options));
+}
+
+Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
+                          const refine::Options& options) {
+  Provenance provenance("s3-refine", common, OptionsToJson(options));
+  provenance.AddFiles("model", Required(arguments, "model"), ModelFiles());
+  const std::string semantics = Given(arguments, "semantics");
+  if (!semantics.empty()) {
+    provenance.AddFiles("semantics", semantics, {"semantics.json", "distributions.npy"});
+  }
+  for (const char* file : {"constant", "pose-priors"}) {
+    provenance.AddFile(file, Given(arguments, file));
+  }
+  return provenance;
 }
 
 void Refine(const po::variables_map& arguments, const CommonArguments& common) {
@@ -149,14 +165,21 @@ void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   if (arguments.count("gravity") > 0) options.gravity.mode = GravityMode::kFloor;
 
   const Timer timer;
-  const refine::Input input = ReadInput(arguments);
+  refine::Input input = ReadInput(arguments);
+  const Provenance provenance = DescribeInputs(arguments, common, options);
+  const auto checkpoint = OpenCheckpoint(arguments, common, provenance);
+  input.steps = checkpoint.get();
   const double read_s = timer.Seconds();
   refine::Output output;
   refine::Report report = refine::Run(options, input, output);
   report.seconds["read"] = read_s;
-  WriteOutput(model, options, output, report, directory.path());
+  nlohmann::json figures = ToJson(report);
+  provenance.AddTo(figures);
+  WriteOutput(model, options, output, report, figures, directory.path());
   directory.Commit();
-  PrintReport(common, ToTable(report), ToJson(report));
+  if (checkpoint) checkpoint->Remove();
+  figures.erase("config");
+  PrintReport(common, ToTable(report), figures);
 }
 
 }  // namespace
@@ -177,6 +200,7 @@ int main(int argc, char** argv) {
   add("covariance", "write covariance.json: short for --set covariance.enabled=true");
   add("gravity", "z up and the floor at z = 0: short for --set gravity.mode=floor");
   add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
+  tools::AddCheckpointArguments(program.arguments);
   tools::SetConfiguration(refine::Options(), program);
   return tools::RunProgram(argc, argv, program);
 }

@@ -6,10 +6,10 @@
 
 #include "common/config_files.h"
 #include "common/program.h"
+#include "common/provenance.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
-#include "s3lam/base/version.h"
 #include "s3lam/io/camera_guess.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
@@ -179,6 +179,29 @@ std::string Table(const slam::Report& report, const std::string& output) {
   return table;
 }
 
+Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
+                          const slam::Options& options, const ImageSequence& sequence) {
+  Provenance provenance("s3-slam", common, OptionsToJson(slam::Effective(options)));
+  if (arguments.count("camera") > 0) {
+    provenance.AddFile("camera", FindConfigFile(arguments["camera"].as<std::string>(), "cameras"));
+  }
+  // What the formats bring beside the images: times, calibration.
+  provenance.AddFiles("sequence", Required(arguments, "sequence"),
+                      {"camera.json", "rgb.txt", "times.txt", "calib.txt",
+                       "image_00/timestamps.txt", "calib_cam_to_cam.txt", "../calib_cam_to_cam.txt",
+                       "mav0/cam0/data.csv", "mav0/cam0/sensor.yaml"});
+  std::vector<std::filesystem::path> images;
+  for (const SequenceFrame& frame : sequence.frames) {
+    images.push_back(frame.path.empty() ? sequence.image_root : frame.path);
+    if (frame.path.empty()) break;  // A video is one file.
+  }
+  provenance.AddListing("images", sequence.image_root, images);
+  if (arguments.count("ignore-masks") > 0) {
+    provenance.AddListing("ignore_masks", arguments["ignore-masks"].as<std::string>());
+  }
+  return provenance;
+}
+
 void RunSlam(const po::variables_map& arguments, const CommonArguments& common) {
   const std::string output = Required(arguments, "output");
   auto options = LoadOptions<slam::Options>(common);
@@ -190,16 +213,16 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   spdlog::info("{} frames, camera {} {} x {}", sequence.frames.size(),
                CameraModelName(sequence.camera->model), sequence.camera->width,
                sequence.camera->height);
+  const Provenance provenance = DescribeInputs(arguments, common, options, sequence);
   const FrameReader reader(sequence);
   const slam::Result result = slam::Run(options, MakeInput(opened, reader, ignore_masks));
   nlohmann::json report = ToJson(result.report);
+  provenance.AddTo(report);
   if (opened.guess) report["focal_length"]["source"] = opened.guess->source;
-  report["program"] = "s3-slam";
-  report["version"] = Version();
   report["peak_memory_mib"] = PeakMemoryMiB();
   Write(result, options, report, sequence, directory.path());
   directory.Commit();
-  report.erase("per_frame");
+  for (const char* long_one : {"per_frame", "config"}) report.erase(long_one);
   PrintReport(common, Table(result.report, output), report);
 }
 

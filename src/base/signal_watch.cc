@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <mutex>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/output_directory.h"
@@ -23,6 +24,8 @@ constexpr char kQuit = 0;  // Not the number of a signal.
 // The handler writes the signal's number to a pipe; the thread reads it.
 std::array<int, 2> g_pipe = {-1, -1};
 std::atomic<bool> g_is_ending{false};
+std::mutex g_advice_mutex;
+std::string g_advice;  // NOLINT: empty at start.
 static_assert(std::atomic<bool>::is_always_lock_free, "for use in a signal handler");
 
 void Tell(char what) {
@@ -71,6 +74,11 @@ SignalWatch::~SignalWatch() {
   }
 }
 
+void SignalWatch::SetAdvice(const std::string& advice) {
+  const std::lock_guard lock(g_advice_mutex);
+  g_advice = advice;
+}
+
 bool SignalWatch::IsEnding() { return g_is_ending; }
 
 void SignalWatch::Watch() const {
@@ -84,8 +92,9 @@ void SignalWatch::Watch() const {
       continue;
     }
     AbandonOutputs();
-    fmt::print(stderr, "{}: ended by {}; no partial output is left\n", program_,
-               what == SIGINT ? "SIGINT" : "SIGTERM");
+    const std::lock_guard lock(g_advice_mutex);
+    fmt::print(stderr, "{}: ended by {}; no partial output is left{}{}\n", program_,
+               what == SIGINT ? "SIGINT" : "SIGTERM", g_advice.empty() ? "" : "; ", g_advice);
     _exit(128 + what);
   }
 }

@@ -6,6 +6,7 @@
 #include <istream>
 #include <ostream>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -130,5 +131,23 @@ class BinaryWriter {
   std::ostream& stream_;
   std::vector<char> buffer_;
 };
+
+/// Reads what WriteHeader wrote; throws InputError for another kind of file and another version.
+inline void ExpectHeader(BinaryReader& reader, std::string_view magic, std::string_view version,
+                         const char* what, const std::string& source) {
+  std::string header(magic.size() + version.size(), '\0');
+  if (reader.remaining() >= header.size()) reader.Bytes(header.data(), header.size());
+  if (!header.starts_with(magic)) ThrowInputError("{}: not a file of {}", source, what);
+  if (!header.ends_with(version)) {
+    ThrowInputError("{}: version {} is not known here (only {}); write it anew with s3-slam",
+                    source, header.substr(magic.size()), version);
+  }
+}
+
+/// A file begins with its kind and the version of its format.
+inline void WriteHeader(BinaryWriter& writer, std::string_view magic, std::string_view version) {
+  writer.Bytes(magic.data(), magic.size());
+  writer.Bytes(version.data(), version.size());
+}
 
 }  // namespace s3lam::internal

@@ -14,21 +14,11 @@ namespace {
 constexpr std::string_view kMagic = "S3DESC";
 constexpr std::string_view kVersion = "01";
 
-void CheckHeader(internal::BinaryReader& reader, const std::string& source) {
-  std::string header(kMagic.size() + kVersion.size(), '\0');
-  if (reader.remaining() >= header.size()) reader.Bytes(header.data(), header.size());
-  if (!header.starts_with(kMagic)) ThrowInputError("{}: not a file of point descriptors", source);
-  if (!header.ends_with(kVersion)) {
-    ThrowInputError("{}: version {} is not known here (only {}); write it anew with s3-slam",
-                    source, header.substr(kMagic.size()), kVersion);
-  }
-}
-
 }  // namespace
 
 PointDescriptors ReadDescriptors(std::istream& stream, const std::string& source) {
   internal::BinaryReader reader(stream, source);
-  CheckHeader(reader, source);
+  internal::ExpectHeader(reader, kMagic, kVersion, "point descriptors", source);
   const uint64_t count = reader.Count(sizeof(uint64_t) + sizeof(BinaryDescriptor), "descriptors");
   PointDescriptors descriptors;
   for (uint64_t i = 0; i < count; ++i) {
@@ -50,8 +40,7 @@ PointDescriptors ReadDescriptors(const std::filesystem::path& path) {
 
 void WriteDescriptors(const PointDescriptors& descriptors, std::ostream& stream) {
   internal::BinaryWriter writer(stream);
-  writer.Bytes(kMagic.data(), kMagic.size());
-  writer.Bytes(kVersion.data(), kVersion.size());
+  internal::WriteHeader(writer, kMagic, kVersion);
   writer.Value<uint64_t>(descriptors.size());
   for (const auto& [id, descriptor] : descriptors) {
     writer.Value(id.value());

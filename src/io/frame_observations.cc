@@ -1,6 +1,5 @@
 #include "s3lam/io/frame_observations.h"
 
-#include <array>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
@@ -13,7 +12,8 @@
 namespace s3lam {
 namespace {
 
-constexpr std::array<char, 8> kMagic = {'S', '3', 'O', 'B', 'S', 'V', '0', '1'};
+constexpr std::string_view kMagic = "S3OBSV";
+constexpr std::string_view kVersion = "01";
 constexpr size_t kFrameSize = sizeof(double) + sizeof(uint32_t) + sizeof(uint64_t);
 constexpr size_t kObservationSize = sizeof(uint64_t) + 3 * sizeof(float);
 
@@ -36,9 +36,7 @@ FrameObservation ReadObservation(internal::BinaryReader& reader, const std::stri
 
 FrameObservations ReadFrameObservations(std::istream& stream, const std::string& source) {
   internal::BinaryReader reader(stream, source);
-  if (reader.remaining() < kMagic.size() || reader.Value<std::array<char, 8>>() != kMagic) {
-    ThrowInputError("{}: not a file of frame observations", source);
-  }
+  internal::ExpectHeader(reader, kMagic, kVersion, "frame observations", source);
   const uint64_t num_frames = reader.Count(kFrameSize, "frames");
   FrameObservations frames;
   for (uint64_t i = 0; i < num_frames; ++i) {
@@ -66,7 +64,7 @@ FrameObservations ReadFrameObservations(const std::filesystem::path& path) {
 
 void WriteFrameObservations(const FrameObservations& frames, std::ostream& stream) {
   internal::BinaryWriter writer(stream);
-  writer.Value(kMagic);
+  internal::WriteHeader(writer, kMagic, kVersion);
   writer.Value<uint64_t>(frames.size());
   for (const ObservedFrame& frame : frames) {
     writer.Value(frame.time_s);

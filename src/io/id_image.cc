@@ -3,7 +3,6 @@
 #include <cstring>
 #include <limits>
 #include <map>
-#include <opencv2/core/mat.hpp>
 #include <string>
 #include <string_view>
 
@@ -54,19 +53,6 @@ IdMatrix FromGray(const cv::Mat& image) {
   return ids;
 }
 
-/// Colours R + 256 G + 65536 B.
-IdMatrix FromColour(const cv::Mat& bgr) {
-  IdMatrix ids(bgr.rows, bgr.cols);
-  const int channels = bgr.channels();
-  for (int y = 0; y < bgr.rows; ++y) {
-    const uint8_t* pixel = bgr.ptr<uint8_t>(y);
-    for (int x = 0; x < bgr.cols; ++x, pixel += channels) {
-      ids(y, x) = pixel[2] | pixel[1] << 8 | pixel[0] << 16;
-    }
-  }
-  return ids;
-}
-
 /// The decoder looks palettes up; this undoes it.
 void ColoursToIndices(std::string_view palette, const std::string& source, IdMatrix& colours) {
   std::map<int32_t, int32_t> index_of;
@@ -87,6 +73,18 @@ void ColoursToIndices(std::string_view palette, const std::string& source, IdMat
 
 }  // namespace
 
+SegmentImage IdsFromColours(const cv::Mat& bgr) {
+  SegmentImage ids(bgr.rows, bgr.cols);
+  const int channels = bgr.channels();
+  for (int y = 0; y < bgr.rows; ++y) {
+    const uint8_t* pixel = bgr.ptr<uint8_t>(y);
+    for (int x = 0; x < bgr.cols; ++x, pixel += channels) {
+      ids(y, x) = static_cast<uint32_t>(pixel[2] | pixel[1] << 8 | pixel[0] << 16);
+    }
+  }
+  return ids;
+}
+
 IdImage ReadIdImage(const std::filesystem::path& path) {
   const std::string source = path.string();
   if (path.extension() == ".npy") return FromNpy(source);
@@ -98,7 +96,7 @@ IdImage ReadIdImage(const std::filesystem::path& path) {
     ThrowInputError("{}: {} channels of {} bits are no ids", source, image.channels(),
                     8 * image.elemSize1());
   }
-  IdImage result{FromColour(image), (1 << 24) - 1};
+  IdImage result{IdsFromColours(image).cast<int32_t>(), (1 << 24) - 1};
   if (const std::string_view palette = PngPalette(bytes); !palette.empty()) {
     ColoursToIndices(palette, source, result.ids);
     result.minus_one = 255;

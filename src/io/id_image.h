@@ -3,6 +3,9 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <filesystem>
+#include <opencv2/core/mat.hpp>
+
+#include "s3lam/scene/panoptic_frame.h"
 
 namespace s3lam {
 
@@ -18,6 +21,9 @@ struct IdImage {
 /// indices, not the colours), an RGB PNG (R + 256 G + 65536 B), or a two-dimensional .npy of
 /// integers. Throws InputError naming the path and the reason.
 IdImage ReadIdImage(const std::filesystem::path& path);
+
+/// R + 256 G + 65536 B of every pixel of an image of 8 bits as OpenCV has it: BGR or BGRA.
+SegmentImage IdsFromColours(const cv::Mat& bgr);
 
 /// Whether a PNG has more than one channel and no palette. Throws as above.
 bool HasColourPixels(const std::filesystem::path& path);

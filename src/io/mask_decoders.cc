@@ -4,6 +4,7 @@
 #include <opencv2/core/mat.hpp>
 #include <utility>
 
+#include "colour_png.h"
 #include "id_image.h"
 #include "png_mask.h"
 #include "s3lam/base/error.h"
@@ -16,35 +17,34 @@ namespace {
 constexpr uint32_t kKittiVoidClass = 255;
 constexpr int kVoidClass = -1;
 
-cv::Mat ReadColourMask(const fs::path& path) {
-  cv::Mat image = ReadPngMask(path);
-  if (image.depth() != CV_8U || image.channels() < 3) {
+/// R + 256 G + 65536 B of every pixel of a colour mask.
+SegmentImage ReadColours(const fs::path& path) {
+  const std::string bytes = ReadFile(path);
+  CheckPngIsComplete(bytes, path.string());
+  if (auto colours = DecodeColourPng(bytes)) return *std::move(colours);
+  const cv::Mat bgr = DecodePngMask(bytes, path.string());
+  if (bgr.depth() != CV_8U || bgr.channels() < 3) {
     ThrowInputError("{}: expected an RGB mask of 8 bits, got {} channel(s) of {} bits",
-                    path.string(), image.channels(), 8 * image.elemSize1());
+                    path.string(), bgr.channels(), 8 * bgr.elemSize1());
   }
-  return image;
+  return IdsFromColours(bgr);
 }
 
 /// Segment ids of a colour mask: R + 256 G + 65536 B, passed through `segment_of_colour` once per
 /// run of equal pixels.
 template <typename SegmentOfColour>
-SegmentImage SegmentsFromColours(const cv::Mat& bgr, const SegmentOfColour& segment_of_colour) {
-  SegmentImage ids(bgr.rows, bgr.cols);
-  const int channels = bgr.channels();
+SegmentImage ReadColourSegments(const fs::path& path, const SegmentOfColour& segment_of_colour) {
+  SegmentImage pixels = ReadColours(path);
   uint32_t last_colour = kNoSegment;
   uint32_t last_id = kNoSegment;
-  for (int y = 0; y < bgr.rows; ++y) {
-    const uint8_t* pixel = bgr.ptr<uint8_t>(y);
-    for (int x = 0; x < bgr.cols; ++x, pixel += channels) {
-      const uint32_t colour = pixel[2] | pixel[1] << 8U | pixel[0] << 16U;
-      if (colour != last_colour) {
-        last_colour = colour;
-        last_id = segment_of_colour(colour);
-      }
-      ids(y, x) = last_id;
+  for (uint32_t* pixel = pixels.data(); pixel != pixels.data() + pixels.size(); ++pixel) {
+    if (*pixel != last_colour) {
+      last_colour = *pixel;
+      last_id = segment_of_colour(last_colour);
     }
+    *pixel = last_id;
   }
-  return ids;
+  return pixels;
 }
 
 /// The same for an image of ids.
@@ -75,7 +75,7 @@ PanopticFrame DecodeCoco(const fs::path& path, const CocoAnnotation& annotation)
   if (!annotation.defect.empty()) throw InputError(annotation.defect);
   const SegmentTable& table = annotation.table;
   PanopticFrame frame{path.string(), {}, table.segments, {}};
-  frame.segment_ids = SegmentsFromColours(ReadColourMask(path), [&](uint32_t colour) {
+  frame.segment_ids = ReadColourSegments(path, [&](uint32_t colour) {
     if (colour == 0 || table.void_segments.contains(colour)) return kNoSegment;
     if (!table.segments.contains(colour)) {
       ThrowInputError("{}: segment {} is not in the JSON", path.string(), colour);
@@ -87,7 +87,7 @@ PanopticFrame DecodeCoco(const fs::path& path, const CocoAnnotation& annotation)
 
 PanopticFrame DecodeKittiStep(const fs::path& path, const ClassResolver& classes) {
   PanopticFrame frame{path.string(), {}, {}, {}};
-  frame.segment_ids = SegmentsFromColours(ReadColourMask(path), [&](uint32_t colour) {
+  frame.segment_ids = ReadColourSegments(path, [&](uint32_t colour) {
     const uint32_t label = colour & 0xffU;
     if (label == kKittiVoidClass && !classes.Knows(label)) return kNoSegment;
     const std::optional<int> index = classes.IndexOf(label, path.string());

@@ -188,6 +188,7 @@ PanopticMasks::~PanopticMasks() = default;
 PanopticMasks::PanopticMasks(PanopticMasks&&) noexcept = default;
 PanopticMasks& PanopticMasks::operator=(PanopticMasks&&) noexcept = default;
 
+const fs::path& PanopticMasks::json_path() const { return impl_->json_path; }
 MaskFormat PanopticMasks::format() const { return impl_->format; }
 const std::vector<std::string>& PanopticMasks::names() const { return impl_->names; }
 

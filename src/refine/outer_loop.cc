@@ -54,7 +54,9 @@ class OuterLoop {
           iteration.exact_points = exact_.num_points;
         }
       }
-      iteration.solve = SolveBundle(settings_.solver, map_.problem);
+      iteration.solve = settings_.journal != nullptr
+                            ? settings_.journal->Solve(settings_.solver, map_.problem)
+                            : SolveBundle(settings_.solver, map_.problem);
       MendPoints(iteration);
       iteration.observations =
           SelectObservations(settings_.outliers, settings_.solver.sigma_px, false, map_);

@@ -242,6 +242,8 @@ void Options::Visit(OptionVisitor& v) {
 Report Run(const Options& given, const Input& input, Output& output) {
   Report report;
   Options options = given;
+  SolveJournal journal(input.steps);
+  options.journal = &journal;
   BundleMap map;
   PlaneModel planes;
   {

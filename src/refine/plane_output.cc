@@ -149,7 +149,7 @@ nlohmann::json PlanesToJson(const SemanticMap& map) {
                       {"rms", surface.rms},
                       {"rms_sigma", surface.rms_sigma}});
   }
-  return {{"planes", planes}};
+  return {{"format", "s3lam planes"}, {"version", 1}, {"planes", planes}};
 }
 
 }  // namespace s3lam

@@ -138,7 +138,13 @@ PlanarSurface ParsePlane(const nlohmann::json& entry, const SemanticMap& semanti
 }  // namespace
 
 std::vector<PlanarSurface> ReadRefinedPlanes(const fs::path& path, const SemanticMap& semantics) {
+  constexpr int kVersion = 1;
   const nlohmann::json document = ReadJson(path);
+  const auto version = document.is_object() ? document.find("version") : document.end();
+  if (version != document.end() && *version != kVersion) {
+    ThrowInputError("{}: version {} is not known here (only {}); write it anew with s3-refine",
+                    path.string(), version->dump(), kVersion);
+  }
   std::vector<PlanarSurface> planes;
   try {
     for (const auto& entry : document.at("planes")) planes.push_back(ParsePlane(entry, semantics));

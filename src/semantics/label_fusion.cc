@@ -39,31 +39,80 @@ Eigen::VectorXd Floored(const Eigen::VectorXd& p, double floor) {
   return raised / raised.sum();
 }
 
+/// Of a segment of which only a class and a score are known: its logarithms have two values.
+struct PlainLabel {
+  int class_index = 0;
+  double log_own = 0.0;     // Of its class.
+  double log_others = 0.0;  // Of each other class.
+};
+
 /// What the observations say, as distributions over the classes.
 class Beliefs {
  public:
   Beliefs(const MaskObservations& observations, int num_classes, const FusionOptions& options)
-      : observations_(observations), options_(options) {
-    by_segment_.resize(num_classes, static_cast<Eigen::Index>(observations.segments.size()));
-    for (size_t s = 0; s < observations.segments.size(); ++s) {
-      by_segment_.col(static_cast<Eigen::Index>(s)) =
-          SegmentDistribution(observations.segments[s].label, num_classes, options);
+      : observations_(observations), num_classes_(num_classes), options_(options) {
+    for (const SegmentNode& segment : observations.segments) {
+      PlainLabel& plain = plain_.emplace_back();
+      plain.class_index = segment.label.class_index;
+      if (!segment.label.distribution.empty()) continue;
+      const Eigen::VectorXd p = SegmentDistribution(segment.label, num_classes, options);
+      plain.log_own = std::log(p[plain.class_index]);
+      if (num_classes > 1) plain.log_others = std::log(p[plain.class_index == 0 ? 1 : 0]);
     }
   }
 
   [[nodiscard]] Eigen::VectorXd Of(const PointObservation& o) const {
-    if (o.pixel < 0) return by_segment_.col(o.segment);
-    const auto num_classes = static_cast<int>(by_segment_.rows());
+    if (o.pixel < 0) {
+      return SegmentDistribution(observations_.segments[static_cast<size_t>(o.segment)].label,
+                                 num_classes_, options_);
+    }
     return Floored(
-        Expand(observations_.pixel_distributions[static_cast<size_t>(o.pixel)], num_classes),
+        Expand(observations_.pixel_distributions[static_cast<size_t>(o.pixel)], num_classes_),
         options_.floor);
+  }
+
+  /// Null if the observation has a distribution of its own.
+  [[nodiscard]] const PlainLabel* PlainOf(const PointObservation& o) const {
+    const auto segment = static_cast<size_t>(o.segment);
+    const bool is_plain = o.pixel < 0 && observations_.segments[segment].label.distribution.empty();
+    return is_plain ? &plain_[segment] : nullptr;
   }
 
  private:
   const MaskObservations& observations_;
+  int num_classes_;
   const FusionOptions& options_;
-  Eigen::MatrixXd by_segment_;  // classes x segments
+  std::vector<PlainLabel> plain_;  // Of each segment.
 };
+
+/// Sum over the observations of the logarithms of what they say, up to a constant.
+Eigen::VectorXd SumLogs(const std::vector<PointObservation>& usable, const Beliefs& beliefs,
+                        int num_classes, double floor, const ConfusionMatrix* confusion) {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(num_classes);
+  for (const PointObservation& o : usable) {
+    const PlainLabel* plain = confusion == nullptr ? beliefs.PlainOf(o) : nullptr;
+    if (plain != nullptr) {
+      sum[plain->class_index] += plain->log_own - plain->log_others;
+      continue;
+    }
+    Eigen::VectorXd p = beliefs.Of(o);
+    if (confusion != nullptr) p = Floored(*confusion * p, floor);
+    sum += Eigen::VectorXd(p.array().log());
+  }
+  return sum;
+}
+
+/// Share of the observations whose likeliest class each is.
+Eigen::VectorXd CountVotes(const std::vector<PointObservation>& usable, const Beliefs& beliefs,
+                           int num_classes) {
+  Eigen::VectorXd votes = Eigen::VectorXd::Zero(num_classes);
+  for (const PointObservation& o : usable) {
+    Eigen::Index best = 0;
+    beliefs.Of(o).maxCoeff(&best);
+    votes[best] += 1.0 / static_cast<double>(usable.size());
+  }
+  return votes;
+}
 
 /// exp(x) / sum(exp(x)), without overflow.
 Eigen::VectorXd Softmax(const Eigen::VectorXd& logs) {
@@ -114,22 +163,14 @@ ClassDistributions FuseLabels(const MaskObservations& observations, int num_clas
   ClassDistributions result(static_cast<Eigen::Index>(observations.points.size()), num_classes);
   for (size_t row = 0; row < observations.points.size(); ++row) {
     const auto usable = UsableObservations(observations, row, options.drop_border);
-    const auto n = static_cast<double>(usable.size());
-    Eigen::VectorXd sum = Eigen::VectorXd::Zero(num_classes);
-    for (const PointObservation& o : usable) {
-      Eigen::VectorXd p = beliefs.Of(o);
-      if (options.method == FusionMethod::kMajority) {
-        Eigen::Index best = 0;
-        p.maxCoeff(&best);
-        sum[best] += 1.0 / n;
-        continue;
-      }
-      if (confusion != nullptr) p = Floored(*confusion * p, options.floor);
-      sum += Eigen::VectorXd(p.array().log());
+    Eigen::VectorXd p;
+    if (options.method == FusionMethod::kMajority) {
+      p = CountVotes(usable, beliefs, num_classes);
+    } else {
+      const double each = std::pow(static_cast<double>(usable.size()), -options.tempering);
+      p = Softmax(each * SumLogs(usable, beliefs, num_classes, options.floor, confusion));
     }
-    if (options.method == FusionMethod::kBayes)
-      sum = Softmax(std::pow(n, -options.tempering) * sum);
-    result.row(static_cast<Eigen::Index>(row)) = sum.cast<float>().transpose();
+    result.row(static_cast<Eigen::Index>(row)) = p.cast<float>().transpose();
   }
   return result;
 }

@@ -4,7 +4,7 @@
 #include <cctype>
 #include <cmath>
 #include <deque>
-#include <map>
+#include <limits>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -22,8 +22,9 @@ struct FrameLookup {
   bool has_mask = false;
   bool is_bad = false;
   bool is_scaled = false;
-  std::vector<std::pair<uint32_t, PanopticSegment>> segments;      // By segment id.
-  std::vector<std::pair<PointId, PointObservation>> observations;  // segment: index into segments.
+  std::vector<std::pair<uint32_t, PanopticSegment>> segments;       // By segment id.
+  std::vector<std::pair<uint32_t, PointObservation>> observations;  // By row of the model's points;
+                                                                    // segment: index into segments.
   std::vector<PixelDistribution> pixel_distributions;
   SegmentImage indices;         // Index into segments per pixel; kept for overlaps only.
   std::vector<uint32_t> areas;  // Pixels per segment; for overlaps only.
@@ -108,7 +109,7 @@ class PixelLookup {
   }
 
   /// Adds an observation of the point, if the pixel lies in the mask.
-  void Add(PointId point_id, const Eigen::Vector2d& xy, bool predicted) {
+  void Add(uint32_t row, const Eigen::Vector2d& xy, bool predicted) {
     const SegmentImage& ids = frame_.segment_ids;
     const auto x = static_cast<Eigen::Index>(std::floor(xy.x() * scale_x_));
     const auto y = static_cast<Eigen::Index>(std::floor(xy.y() * scale_y_));
@@ -120,7 +121,7 @@ class PixelLookup {
       observation.near_border = IsNearBorder(ids, x, y, border_px_);
       if (frame_.probabilities && !predicted) AddPixel(y, x, observation);
     }
-    lookup_.observations.emplace_back(point_id, observation);
+    lookup_.observations.emplace_back(row, observation);
   }
 
  private:
@@ -147,14 +148,14 @@ class PixelLookup {
   FrameLookup& lookup_;
 };
 
-void LookUpPoints(const PanopticFrame& frame, const Camera& camera,
+void LookUpPoints(const PanopticFrame& frame, const Camera& camera, const PointRows& rows,
                   const VisibilityPredictor& visibility, double border_px, FrameLookup& lookup) {
   PixelLookup pixels(frame, camera, border_px, lookup);
   for (const Point2D& keypoint : lookup.image->points2D) {
-    if (keypoint.point_id.valid()) pixels.Add(keypoint.point_id, keypoint.xy, false);
+    if (keypoint.point_id.valid()) pixels.Add(rows.RowOf(keypoint.point_id), keypoint.xy, false);
   }
   for (const auto& prediction : visibility.Predict(*lookup.image)) {
-    pixels.Add(prediction.point_id, prediction.xy, true);
+    pixels.Add(prediction.row, prediction.xy, true);
   }
 }
 
@@ -179,8 +180,8 @@ void IndexPixels(SegmentImage&& ids, FrameLookup& lookup) {
 }
 
 FrameLookup LookUpImage(const Reconstruction& reconstruction, const Image& image,
-                        const VisibilityPredictor& visibility, const MaskProvider& masks,
-                        const LookupOptions& options, bool keep_pixels) {
+                        const PointRows& rows, const VisibilityPredictor& visibility,
+                        const MaskProvider& masks, const LookupOptions& options, bool keep_pixels) {
   FrameLookup lookup;
   lookup.image = &image;
   try {
@@ -189,7 +190,7 @@ FrameLookup LookUpImage(const Reconstruction& reconstruction, const Image& image
     const Camera& camera = reconstruction.CameraOf(image);
     CheckMaskShape(*frame, camera, image);
     lookup.segments.assign(frame->segments.begin(), frame->segments.end());
-    LookUpPoints(*frame, camera, visibility, options.border_px, lookup);
+    LookUpPoints(*frame, camera, rows, visibility, options.border_px, lookup);
     if (keep_pixels) IndexPixels(std::move(frame->segment_ids), lookup);
     lookup.has_mask = true;
   } catch (const InputError&) {
@@ -233,7 +234,7 @@ std::vector<SegmentOverlap> CompareFrames(const FrameLookup& later, const FrameL
 /// Collects the frames' results in order.
 class Collector {
  public:
-  explicit Collector(MaskObservations& result) : result_(result) {}
+  Collector(const PointRows& rows, MaskObservations& result) : rows_(rows), result_(result) {}
 
   /// Adds a frame; `overlaps` (with indices local to their frames) compare it with those before.
   void Add(const FrameLookup& lookup, const std::vector<SegmentOverlap>& overlaps) {
@@ -251,11 +252,11 @@ class Collector {
     for (const auto& [id, label] : lookup.segments) {
       result_.segments.push_back({{lookup.image->id, id}, frame, label, {}});
     }
-    for (auto [point, observation] : lookup.observations) {
+    for (auto [row, observation] : lookup.observations) {
       observation.frame = frame;
       if (observation.pixel >= 0) observation.pixel += static_cast<int32_t>(first_pixel);
       if (observation.segment != kVoidSegment) observation.segment += static_cast<int32_t>(base);
-      by_point_[point].push_back(observation);
+      observations_.emplace_back(row, observation);
     }
     for (const SegmentOverlap& o : overlaps) {
       const uint32_t other_base = frame_base_[frame - o.frames_apart];
@@ -265,35 +266,53 @@ class Collector {
   }
 
   void Finish() {
-    result_.first_observation.push_back(0);
-    for (const auto& [point, observations] : by_point_) {
-      const auto labelled = [](const PointObservation& o) {
-        return o.segment != kVoidSegment && !o.predicted;
-      };
-      if (std::none_of(observations.begin(), observations.end(), labelled)) continue;
-      AddRow(point, observations);
+    std::vector<uint32_t> place = PlaceRows();
+    for (const auto& [row, observation] : observations_) {
+      if (place[row] != kNowhere) result_.observations[place[row]++] = observation;
+    }
+    for (uint32_t row = 0; row < result_.points.size(); ++row) {
+      for (const PointObservation& observation : result_.ObservationsOf(row)) {
+        if (observation.segment == kVoidSegment) continue;
+        // A point may have two keypoints in one image.
+        auto& rows = result_.segments[static_cast<size_t>(observation.segment)].points;
+        if (rows.empty() || rows.back() != row) rows.push_back(row);
+      }
     }
     std::stable_sort(result_.overlaps.begin(), result_.overlaps.end(),
                      [](const auto& a, const auto& b) { return a.segment < b.segment; });
   }
 
  private:
-  void AddRow(PointId point, const std::vector<PointObservation>& observations) {
-    const auto row = static_cast<uint32_t>(result_.points.size());
-    result_.points.push_back(point);
-    for (const PointObservation& observation : observations) {
-      result_.observations.push_back(observation);
-      if (observation.segment == kVoidSegment) continue;
-      // A point may have two keypoints in one image.
-      auto& rows = result_.segments[static_cast<size_t>(observation.segment)].points;
-      if (rows.empty() || rows.back() != row) rows.push_back(row);
+  static constexpr uint32_t kNowhere = std::numeric_limits<uint32_t>::max();
+
+  /// Makes a row of the result of every point with a label. Returns for every row of the model
+  /// where its observations begin; kNowhere for those left out.
+  std::vector<uint32_t> PlaceRows() {
+    std::vector<uint32_t> counts(rows_.size(), 0);
+    std::vector<bool> is_labelled(rows_.size(), false);
+    for (const auto& [row, observation] : observations_) {
+      ++counts[row];
+      if (observation.segment != kVoidSegment && !observation.predicted) is_labelled[row] = true;
     }
-    result_.first_observation.push_back(static_cast<uint32_t>(result_.observations.size()));
+    std::vector<uint32_t> place(rows_.size(), kNowhere);
+    uint32_t begin = 0;
+    result_.first_observation.push_back(begin);
+    for (uint32_t row = 0; row < rows_.size(); ++row) {
+      if (!is_labelled[row]) continue;
+      place[row] = begin;
+      begin += counts[row];
+      result_.points.push_back(rows_.IdOf(row));
+      result_.first_observation.push_back(begin);
+    }
+    result_.observations.resize(begin);
+    return place;
   }
 
+  const PointRows& rows_;
   MaskObservations& result_;
   std::vector<uint32_t> frame_base_;  // First segment of each frame.
-  std::map<PointId, std::vector<PointObservation>> by_point_;
+  std::vector<std::pair<uint32_t, PointObservation>>
+      observations_;  // By row of the model, by frame.
 };
 
 }  // namespace
@@ -333,16 +352,19 @@ MaskObservations LookUpMasks(const Reconstruction& reconstruction, const MaskPro
                              const LookupOptions& options, bool with_overlaps, int num_threads) {
   constexpr size_t kFramesBefore = 2;
   const std::vector<const Image*> images = ImagesInOrder(reconstruction);
-  const size_t batch_size = 4 * static_cast<size_t>(ResolveThreads(num_threads));
-  const VisibilityPredictor visibility(reconstruction, options.visibility);
+  // Frames that keep their pixels take memory; waiting for the last of a batch takes time.
+  const size_t batch_size =
+      (with_overlaps ? 4 : 64) * static_cast<size_t>(ResolveThreads(num_threads));
+  const PointRows rows(reconstruction);
+  const VisibilityPredictor visibility(reconstruction, rows, options.visibility);
   MaskObservations result;
-  Collector collector(result);
+  Collector collector(rows, result);
   std::deque<FrameLookup> before;  // The last frames with masks, latest first.
   Progress progress("masks", static_cast<int64_t>(images.size()));
   for (size_t begin = 0; begin < images.size(); begin += batch_size) {
     std::vector<FrameLookup> batch(std::min(batch_size, images.size() - begin));
     ParallelFor(batch.size(), num_threads, [&](size_t i) {
-      batch[i] = LookUpImage(reconstruction, *images[begin + i], visibility, masks, options,
+      batch[i] = LookUpImage(reconstruction, *images[begin + i], rows, visibility, masks, options,
                              with_overlaps);
     });
     for (FrameLookup& lookup : batch) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <numbers>
 
 #include "s3lam/base/error.h"
 
@@ -48,8 +50,11 @@ void ReportCertainty(const SemanticMap& map, LiftReport& report) {
     for (const float p : map.distributions.row(row)) {
       second = std::max(second, std::min(best, p));
       best = std::max(best, p);
-      if (p > 0.0F) report.mean_entropy_bits -= static_cast<double>(p) * std::log2(p);
     }
+    const auto p = map.distributions.row(row).array();
+    constexpr float kLeast = std::numeric_limits<float>::min();  // 0 log 0 is 0.
+    report.mean_entropy_bits -=
+        static_cast<double>((p * p.max(kLeast).log()).sum()) / std::numbers::ln2;
     report.mean_margin += static_cast<double>(best - second);
   }
   const auto n = static_cast<double>(std::max<Eigen::Index>(1, map.distributions.rows()));
@@ -67,7 +72,6 @@ void FillReport(const Reconstruction& reconstruction, const MaskObservations& ob
   report.num_points = reconstruction.points.size();
   report.num_points_labelled = map.points.size();
   report.num_segments = observations.segments.size();
-  report.keypoint_sigma_px = EstimateKeypointSigma(reconstruction);
   for (size_t row = 0; row < map.points.size(); ++row) {
     ++report.classes[ClassOfRow(map, row)].points;
     report.num_points_clustered += map.cluster_of_point[row].valid() ? 1 : 0;
@@ -155,7 +159,9 @@ LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable&
   }
   {
     const ScopedStep step(times, "planes");
-    FitPlanes(reconstruction, options.planes, options.seed, options.num_threads, map);
+    result.report.keypoint_sigma_px = EstimateKeypointSigma(reconstruction);
+    FitPlanes(reconstruction, result.report.keypoint_sigma_px, options.planes, options.seed,
+              options.num_threads, map);
   }
   FillReport(reconstruction, observations, map, result.report);
   return result;

@@ -148,10 +148,9 @@ std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::ve
 }
 
 std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstruction,
-                                              const Cluster& cluster, int min_class_inliers,
-                                              double sigma_px, const NormalBand& band,
+                                              const Cluster& cluster, const Candidates& candidates,
+                                              int min_class_inliers, const NormalBand& band,
                                               const PlaneOptions& options, Rng rng) {
-  const Candidates candidates = FindCandidates(reconstruction, cluster, sigma_px, options);
   const double share = options.min_cluster_share * static_cast<double>(cluster.points.size());
   const auto min_inliers =
       static_cast<size_t>(std::max(static_cast<double>(min_class_inliers), share));
@@ -186,6 +185,7 @@ std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstructi
 struct Task {
   const Cluster* cluster = nullptr;
   const SemanticClass* semantic_class = nullptr;
+  Candidates candidates;
   std::vector<PlanarSurface> surfaces;
 };
 
@@ -223,6 +223,12 @@ NormalBand BandOf(SurfaceOrientation orientation, const Eigen::Vector3d& up, dou
   if (orientation == SurfaceOrientation::kHorizontal) return {up, std::cos(max_angle), 1.0};
   if (orientation == SurfaceOrientation::kVertical) return {up, 0.0, std::sin(max_angle)};
   return {};
+}
+
+bool AllWithin(const std::vector<PlanarSurface>& surfaces, const NormalBand& band) {
+  return std::all_of(surfaces.begin(), surfaces.end(), [&](const PlanarSurface& surface) {
+    return band.Contains(surface.plane_in_world.normal);
+  });
 }
 
 double Cross(const Eigen::Vector2d& origin, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
@@ -298,28 +304,31 @@ std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruct
   return vectors * variances.asDiagonal() * vectors.transpose();
 }
 
-void FitPlanes(const Reconstruction& reconstruction, const PlaneOptions& options, uint64_t seed,
-               int num_threads, SemanticMap& map) {
-  const double sigma_px =
-      std::max(options.min_keypoint_sigma_px, EstimateKeypointSigma(reconstruction));
+void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
+               const PlaneOptions& options, uint64_t seed, int num_threads, SemanticMap& map) {
+  const double sigma_px = std::max(options.min_keypoint_sigma_px, keypoint_sigma_px);
   std::vector<Task> tasks;
   for (const auto& [id, cluster] : map.clusters) {
     const SemanticClass& c = map.class_table.classes[static_cast<size_t>(cluster.class_index)];
-    if (c.is_planar) tasks.push_back({&cluster, &c, {}});
+    if (c.is_planar) tasks.push_back({&cluster, &c, {}, {}});
   }
   const Rng rng(seed);
   const auto fit = [&](Task& task, const NormalBand& band) {
-    task.surfaces =
-        FitPlanesToCluster(reconstruction, *task.cluster, task.semantic_class->min_plane_inliers,
-                           sigma_px, band, options, rng.Fork(task.cluster->id.value()));
+    task.surfaces = FitPlanesToCluster(reconstruction, *task.cluster, task.candidates,
+                                       task.semantic_class->min_plane_inliers, band, options,
+                                       rng.Fork(task.cluster->id.value()));
   };
-  ParallelFor(tasks.size(), num_threads, [&](size_t i) { fit(tasks[i], NormalBand{}); });
+  ParallelFor(tasks.size(), num_threads, [&](size_t i) {
+    tasks[i].candidates = FindCandidates(reconstruction, *tasks[i].cluster, sigma_px, options);
+    fit(tasks[i], NormalBand{});
+  });
   const double max_angle = options.orientation_deg * std::numbers::pi / 180.0;
   if (const auto up = EstimateUp(tasks, max_angle)) {
     ParallelFor(tasks.size(), num_threads, [&](size_t i) {
       const SurfaceOrientation orientation = tasks[i].semantic_class->orientation;
       if (orientation == SurfaceOrientation::kAny) return;
-      fit(tasks[i], BandOf(orientation, *up, max_angle));
+      const NormalBand band = BandOf(orientation, *up, max_angle);
+      if (!AllWithin(tasks[i].surfaces, band)) fit(tasks[i], band);
     });
   }
   map.planes.clear();

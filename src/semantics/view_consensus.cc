@@ -185,27 +185,45 @@ class SignedGraph {
   std::vector<uint32_t> root_;
 };
 
-SignedGraph BuildGraph(const MaskObservations& observations, const ConsensusOptions& options) {
-  std::vector<WeightedList> shared = CountShared(observations, CollectVotes(observations, options));
-  std::vector<WeightedList> visible = CountVisible(observations, shared);
-  const auto partners = ChoosePartners(observations, visible, options.max_partners);
-  std::vector<std::vector<uint32_t>> segments_of_frame(observations.frames.size());
-  for (uint32_t s = 0; s < shared.size(); ++s) {
-    segments_of_frame[observations.segments[s].frame].push_back(s);
+/// For every frame: the segments of which it sees points, and how many.
+std::vector<WeightedList> Transpose(const std::vector<WeightedList>& visible, size_t num_frames) {
+  std::vector<WeightedList> segments_of_frame(num_frames);
+  for (uint32_t s = 0; s < visible.size(); ++s) {
+    for (const Weighted& frame : visible[s]) {
+      segments_of_frame[frame.id].push_back({s, frame.weight});
+    }
   }
+  return segments_of_frame;
+}
+
+/// Sets the entries of a dense array that a list names, or clears them.
+void Scatter(const WeightedList& list, bool clear, std::vector<double>& dense) {
+  for (const Weighted& w : list) dense[w.id] = clear ? 0.0 : w.weight;
+}
+
+SignedGraph BuildGraph(const MaskObservations& observations, const ConsensusOptions& options) {
+  const auto shared = CountShared(observations, CollectVotes(observations, options));
+  const auto visible = CountVisible(observations, shared);
+  const auto partners = ChoosePartners(observations, visible, options.max_partners);
+  const size_t num_frames = observations.frames.size();
+  const std::vector<WeightedList> seen_by_frame = Transpose(visible, num_frames);
+  std::vector<double> shared_with(shared.size(), 0.0);  // By segment, of segment a.
+  std::vector<double> seen_in(num_frames, 0.0);         // By frame, of segment a.
   SignedGraph graph(shared.size());
   for (uint32_t a = 0; a < shared.size(); ++a) {
     const uint32_t frame_a = observations.segments[a].frame;
-    for (const Weighted& frame_b : visible[a]) {
-      if (frame_b.id < frame_a || !partners[frame_a][frame_b.id]) continue;
-      for (const uint32_t b : segments_of_frame[frame_b.id]) {
-        const double seen_b = b > a ? WeightOf(visible[b], frame_a) : 0.0;
-        if (seen_b == 0.0) continue;
-        const double common = frame_b.id == frame_a ? 0.0 : WeightOf(shared[a], b);
-        const double apart = frame_b.weight + seen_b - 2.0 * common;
-        graph.AddEdge(a, b, common - options.disagreement * apart);
-      }
+    Scatter(shared[a], false, shared_with);
+    Scatter(visible[a], false, seen_in);
+    for (const Weighted& b : seen_by_frame[frame_a]) {
+      if (b.id <= a) continue;
+      const uint32_t frame_b = observations.segments[b.id].frame;
+      if (seen_in[frame_b] == 0.0 || !partners[frame_a][frame_b]) continue;
+      const double common = frame_b == frame_a ? 0.0 : shared_with[b.id];
+      const double apart = seen_in[frame_b] + b.weight - 2.0 * common;
+      graph.AddEdge(a, b.id, common - options.disagreement * apart);
     }
+    Scatter(shared[a], true, shared_with);
+    Scatter(visible[a], true, seen_in);
   }
   return graph;
 }

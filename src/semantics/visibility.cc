@@ -4,56 +4,51 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
-#include <set>
+#include <utility>
 
 namespace s3lam {
 namespace {
 
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kMaxAxisAngle = std::numbers::pi / 4.0;
 
-/// Where an image was taken, and how far away what it shows is.
-struct Viewpoint {
-  const Image* image = nullptr;
+/// Where an image looks, and how far away what it shows is.
+struct Outlook {
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double median_depth = 0.0;
 };
 
-double MedianPointDepth(const Reconstruction& reconstruction, const Image& image) {
-  std::vector<double> depths;
-  for (const Point2D& keypoint : image.points2D) {
-    if (!keypoint.point_id.valid()) continue;
-    const Eigen::Vector3d& x = reconstruction.points.at(keypoint.point_id).xyz;
-    depths.push_back((image.cam_from_world * x).z());
-  }
-  if (depths.empty()) return 0.0;
+Outlook OutlookOf(const Image& image, std::vector<double> depths) {
+  Outlook outlook{image.cam_from_world.CenterInB(),
+                  image.cam_from_world.rotation.conjugate() * Eigen::Vector3d::UnitZ(), 0.0};
+  if (depths.empty()) return outlook;
   const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
   std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  outlook.median_depth = *middle;
+  return outlook;
 }
 
-/// The viewpoints nearest to `from` that look the same way, nearest first.
-std::vector<const Image*> FindNeighbors(const std::vector<Viewpoint>& viewpoints,
-                                        const Viewpoint& from, const VisibilityOptions& options) {
-  const double max_angle = options.max_view_angle_deg * std::numbers::pi / 180.0;
-  std::vector<std::pair<double, const Image*>> found;
-  for (const Viewpoint& other : viewpoints) {
-    if (other.image == from.image) continue;
+/// The views nearest to one that look the same way, nearest first.
+std::vector<uint32_t> FindNeighbors(const std::vector<Outlook>& outlooks, uint32_t view,
+                                    const VisibilityOptions& options) {
+  const double max_angle = options.max_view_angle_deg * kRadPerDeg;
+  const Outlook& from = outlooks[view];
+  std::vector<std::pair<double, uint32_t>> found;
+  for (uint32_t i = 0; i < outlooks.size(); ++i) {
+    const Outlook& other = outlooks[i];
+    if (i == view) continue;
     const double distance = (other.center - from.center).norm();
     // Twice the angle, since what matters is each point's own depth.
     const double depth = from.median_depth > 0.0 ? from.median_depth : other.median_depth;
     const double max_distance = 2.0 * std::tan(max_angle) * depth;
     if (distance > max_distance || other.axis.dot(from.axis) < std::cos(kMaxAxisAngle)) continue;
-    found.emplace_back(distance, other.image);
+    found.emplace_back(distance, i);
   }
-  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first < b.first : a.second->id < b.second->id;
-  });
-  std::vector<const Image*> neighbors;
-  for (const auto& [distance, image] : found) {
-    if (neighbors.size() >= static_cast<size_t>(options.max_neighbors)) break;
-    neighbors.push_back(image);
-  }
+  const size_t count = std::min(found.size(), static_cast<size_t>(options.max_neighbors));
+  std::partial_sort(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(count), found.end());
+  std::vector<uint32_t> neighbors;
+  for (size_t i = 0; i < count; ++i) neighbors.push_back(found[i].second);
   return neighbors;
 }
 
@@ -71,53 +66,72 @@ void VisibilityOptions::Visit(OptionVisitor& v) {
 }
 
 VisibilityPredictor::VisibilityPredictor(const Reconstruction& reconstruction,
-                                         const VisibilityOptions& options)
-    : reconstruction_(reconstruction), options_(options) {
+                                         const PointRows& rows, const VisibilityOptions& options)
+    : reconstruction_(reconstruction),
+      rows_(rows),
+      options_(options),
+      min_cosine_(std::cos(options.max_view_angle_deg * kRadPerDeg)) {
   if (!options.predict) return;
-  std::vector<Viewpoint> viewpoints;
-  for (const auto& [id, image] : reconstruction.images) {
-    viewpoints.push_back({&image, image.cam_from_world.CenterInB(),
-                          image.cam_from_world.rotation.conjugate() * Eigen::Vector3d::UnitZ(),
-                          MedianPointDepth(reconstruction, image)});
+  for (const auto& [id, point] : reconstruction.points) xyz_.push_back(point.xyz);
+  views_ = MakeViews();
+}
+
+std::vector<VisibilityPredictor::View> VisibilityPredictor::MakeViews() const {
+  std::vector<View> views;
+  std::vector<Outlook> outlooks;
+  for (const auto& [id, image] : reconstruction_.images) {
+    View& view = views.emplace_back();
+    view.image = &image;
+    view.center = image.cam_from_world.CenterInB();
+    std::vector<double> depths;
+    for (const Point2D& keypoint : image.points2D) {
+      if (!keypoint.point_id.valid()) continue;
+      view.points.push_back(rows_.RowOf(keypoint.point_id));
+      depths.push_back((image.cam_from_world * xyz_[view.points.back()]).z());
+    }
+    std::sort(view.points.begin(), view.points.end());
+    outlooks.push_back(OutlookOf(image, std::move(depths)));
   }
-  for (const Viewpoint& viewpoint : viewpoints) {
-    neighbors_[viewpoint.image->id] = FindNeighbors(viewpoints, viewpoint, options);
+  for (uint32_t i = 0; i < views.size(); ++i) {
+    views[i].neighbors = FindNeighbors(outlooks, i, options_);
   }
+  return views;
+}
+
+bool VisibilityPredictor::SeeAlike(const View& a, const View& b, uint32_t row) const {
+  const Eigen::Vector3d ray_a = xyz_[row] - a.center;
+  const Eigen::Vector3d ray_b = xyz_[row] - b.center;
+  const double squared_a = ray_a.squaredNorm();
+  const double squared_b = ray_b.squaredNorm();
+  const double squared_ratio = options_.max_depth_ratio * options_.max_depth_ratio;
+  return squared_a <= squared_ratio * squared_b && squared_b <= squared_ratio * squared_a &&
+         ray_a.dot(ray_b) >= min_cosine_ * std::sqrt(squared_a * squared_b);
 }
 
 std::vector<VisibilityPredictor::Prediction> VisibilityPredictor::Predict(
     const Image& image) const {
   std::vector<Prediction> predictions;
-  const auto it = neighbors_.find(image.id);
-  if (it == neighbors_.end()) return predictions;
+  const auto view = std::lower_bound(views_.begin(), views_.end(), image.id,
+                                     [](const View& v, ImageId id) { return v.image->id < id; });
+  if (view == views_.end() || view->image->id != image.id) return predictions;
   const Camera& camera = reconstruction_.CameraOf(image);
-  const Eigen::Vector3d center = image.cam_from_world.CenterInB();
-  const double min_cosine = std::cos(options_.max_view_angle_deg * std::numbers::pi / 180.0);
-  std::set<PointId> done;
-  for (const Point2D& keypoint : image.points2D) done.insert(keypoint.point_id);
-  for (const Image* neighbor : it->second) {
-    const Eigen::Vector3d other_center = neighbor->cam_from_world.CenterInB();
-    for (const Point2D& keypoint : neighbor->points2D) {
-      if (!keypoint.point_id.valid() || done.contains(keypoint.point_id)) continue;
-      const Eigen::Vector3d& x = reconstruction_.points.at(keypoint.point_id).xyz;
-      const Eigen::Vector3d ray = x - center;
-      const Eigen::Vector3d other_ray = x - other_center;
-      const double ratio = ray.norm() / other_ray.norm();
-      if (!(ray.dot(other_ray) >= min_cosine * ray.norm() * other_ray.norm()) ||
-          std::max(ratio, 1.0 / ratio) > options_.max_depth_ratio) {
-        continue;
-      }
-      const auto xy = camera.ImageFromCamera(image.cam_from_world * x);
-      if (!xy || xy->x() < 0.0 || xy->y() < 0.0 || xy->x() >= camera.width ||
-          xy->y() >= camera.height) {
-        continue;
-      }
-      done.insert(keypoint.point_id);
-      predictions.push_back({keypoint.point_id, *xy});
+  std::vector<bool> done(xyz_.size(), false);
+  for (const uint32_t row : view->points) done[row] = true;
+  std::vector<uint32_t> rows;
+  for (const uint32_t neighbor : view->neighbors) {
+    for (const uint32_t row : views_[neighbor].points) {
+      if (done[row] || !SeeAlike(*view, views_[neighbor], row)) continue;
+      done[row] = true;
+      rows.push_back(row);
     }
   }
-  std::sort(predictions.begin(), predictions.end(),
-            [](const auto& a, const auto& b) { return a.point_id < b.point_id; });
+  std::sort(rows.begin(), rows.end());
+  for (const uint32_t row : rows) {
+    const auto xy = camera.ImageFromCamera(image.cam_from_world * xyz_[row]);
+    const bool inside =
+        xy && xy->x() >= 0.0 && xy->y() >= 0.0 && xy->x() < camera.width && xy->y() < camera.height;
+    if (inside) predictions.push_back({row, *xy});
+  }
   return predictions;
 }
 

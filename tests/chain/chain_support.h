@@ -9,6 +9,7 @@
 
 #include "s3lam/io/file.h"
 #include "support/run_program.h"
+#include "support/temp_dir.h"
 
 namespace s3lam::testing {
 
@@ -43,6 +44,20 @@ inline nlohmann::json ChainTrajectoryError(const std::string& name) {
 /// Absolute trajectory error [m], RMSE.
 inline double ChainAte(const std::string& name) {
   return ChainTrajectoryError(name)["ate"]["translation"]["rmse"].get<double>();
+}
+
+/// Every file of `folder` but the reports, which have times, is the same in `other`.
+inline void ExpectSameBytes(const std::filesystem::path& folder,
+                            const std::filesystem::path& other) {
+  size_t compared = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (!entry.is_regular_file() || entry.path().stem() == "report") continue;
+    const auto relative = std::filesystem::relative(entry.path(), folder);
+    ASSERT_TRUE(std::filesystem::exists(other / relative)) << relative;
+    EXPECT_TRUE(FileBytes(entry.path()) == FileBytes(other / relative)) << relative << " differs";
+    ++compared;
+  }
+  EXPECT_GT(compared, 3u);
 }
 
 }  // namespace s3lam::testing

@@ -6,6 +6,8 @@
 #include <numbers>
 
 #include "chain/chain_support.h"
+#include "s3lam/base/sha256.h"
+#include "s3lam/base/version.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/trajectory.h"
 #include "support/temp_dir.h"
@@ -17,10 +19,17 @@ using nlohmann::json;
 using testing::ChainAte;
 using testing::ChainFolder;
 using testing::ChainReport;
+using testing::ExpectSameBytes;
 using testing::FileBytes;
 using testing::RunProgramApart;
 using testing::TempDir;
 using testing::Tool;
+
+std::string Sha256Of(const std::filesystem::path& path) {
+  Sha256 hash;
+  hash.Update(FileBytes(path));
+  return hash.Finish();
+}
 
 class Masks : public ::testing::TestWithParam<std::string> {
  protected:
@@ -115,17 +124,29 @@ TEST_P(Masks, OutputsAreComplete) {
   }
 }
 
-/// Every file of `folder` but the reports, which have times, is the same in `other`.
-void ExpectSameBytes(const std::filesystem::path& folder, const std::filesystem::path& other) {
-  size_t compared = 0;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
-    if (!entry.is_regular_file() || entry.path().stem() == "report") continue;
-    const auto relative = std::filesystem::relative(entry.path(), folder);
-    ASSERT_TRUE(std::filesystem::exists(other / relative)) << relative;
-    EXPECT_TRUE(FileBytes(entry.path()) == FileBytes(other / relative)) << relative << " differs";
-    ++compared;
+TEST(Chain, ReportsSayWhatTheResultWasMadeOf) {
+  for (const std::string stage : {"1_slam", "2_lift_clean", "3_refine_clean"}) {
+    const json report = ChainReport(stage);
+    EXPECT_EQ(report["version"], Version()) << stage;
+    EXPECT_EQ(report["config"], ReadJson(ChainFolder(stage) / "config.json")) << stage;
+    EXPECT_EQ(report["seed"], 0) << stage;
   }
-  EXPECT_GT(compared, 3u);
+  const json images = ChainReport("1_slam")["inputs"]["images"];
+  EXPECT_EQ(images["files"], ChainReport("1_slam")["frames"]);
+  EXPECT_EQ(images["sha256_of"], "sizes and names");
+  const json lift = ChainReport("2_lift_clean")["inputs"];
+  const json refine = ChainReport("3_refine_clean")["inputs"];
+  EXPECT_EQ(lift["classes"]["sha256"],
+            Sha256Of(std::filesystem::path(S3LAM_TEST_SOURCE_DIR) / "configs/classes/coco.json"));
+  EXPECT_EQ(lift["mask_json"]["sha256"], Sha256Of(ChainFolder("scene") / "panoptic_clean.json"));
+  EXPECT_EQ(refine["semantics/semantics.json"]["sha256"],
+            Sha256Of(ChainFolder("2_lift_clean") / "semantics.json"));
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin", "observations.bin"}) {
+    const std::string input = std::string("model/") + name;
+    EXPECT_EQ(refine[input]["sha256"], Sha256Of(ChainFolder("1_slam") / name)) << name;
+    EXPECT_EQ(refine[input]["bytes"], std::filesystem::file_size(ChainFolder("1_slam") / name));
+  }
+  EXPECT_EQ(lift["model/images.bin"], refine["model/images.bin"]);
 }
 
 /// make.sh ran with two threads. A second run has one thread, and one of the linear algebra

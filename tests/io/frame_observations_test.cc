@@ -79,6 +79,7 @@ TEST(FrameObservations, DamageIsNamed) {
     return bytes;
   };
   expect_error("X" + whole.substr(1), "file: not a file of frame observations");
+  expect_error("S3OBSV00" + whole.substr(8), "version 00 is not known here (only 01)");
   expect_error(whole + "x", "1 bytes after");
   std::string claims = whole;
   claims.replace(8, 8, std::string(8, '\x7f'));

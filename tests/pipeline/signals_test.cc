@@ -1,13 +1,10 @@
 // What signals do to a run: the output is the old one or the whole new one, and nothing lies about.
 
-#include <signal.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <chrono>
 #include <thread>
 
 #include "pipeline/program_test_support.h"
+#include "support/running_program.h"
 
 namespace s3lam {
 namespace {
@@ -15,45 +12,19 @@ namespace {
 using testing::kDone;
 using testing::Listing;
 using testing::ProgramResult;
+using testing::RunningProgram;
 using testing::TempDir;
 
 constexpr auto kPoll = std::chrono::milliseconds(5);
 
-/// A program that runs beside the test, with its standard error in a file.
-class Running {
- public:
-  Running(std::vector<std::string> words, const std::filesystem::path& errors) {
-    pid_ = fork();
-    if (pid_ != 0) return;
-    std::vector<char*> arguments;
-    for (std::string& word : words) arguments.push_back(word.data());
-    arguments.push_back(nullptr);
-    if (freopen(errors.c_str(), "w", stderr) != nullptr &&
-        freopen("/dev/null", "w", stdout) != nullptr) {
-      execv(arguments[0], arguments.data());
-    }
-    _exit(127);
-  }
-  void Send(int signal) const { kill(pid_, signal); }
-  /// The exit code, or minus the number of the signal that ended it.
-  [[nodiscard]] int Wait() const {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-  }
-
- private:
-  pid_t pid_ = -1;
-};
-
 class Signals : public ::testing::Test {
  protected:
   /// A run that takes long, under way: its folder beside the output is there.
-  [[nodiscard]] Running Start() const {
+  [[nodiscard]] RunningProgram Start() const {
     const std::filesystem::path program = std::filesystem::path(S3LAM_TEST_BIN_DIR) / "s3-synth";
-    Running running({program.string(), "--quiet", "--scene", "room", "--threads", "2", "--output",
-                     (place_ / "place/out").string(), "--overwrite"},
-                    errors());
+    RunningProgram running({program.string(), "--quiet", "--scene", "room", "--threads", "2",
+                            "--output", (place_ / "place/out").string(), "--overwrite"},
+                           errors());
     while (Staging().empty()) std::this_thread::sleep_for(kPoll);
     return running;
   }
@@ -70,7 +41,7 @@ class Signals : public ::testing::Test {
 
 TEST_F(Signals, InterruptKeepsTheOldOutputAndLeavesNothing) {
   for (const auto& [signal, code] : {std::pair(SIGINT, 130), std::pair(SIGTERM, 143)}) {
-    const Running running = Start();
+    const RunningProgram running = Start();
     running.Send(signal);
     EXPECT_EQ(running.Wait(), code);
     EXPECT_THAT(testing::FileBytes(errors()), ::testing::StartsWith("s3-synth: ended by SIG"));
@@ -80,7 +51,7 @@ TEST_F(Signals, InterruptKeepsTheOldOutputAndLeavesNothing) {
 }
 
 TEST_F(Signals, UserSignalTellsTheProgress) {
-  const Running running = Start();
+  const RunningProgram running = Start();
   running.Send(SIGUSR1);
   while (testing::FileBytes(errors()).find('\n') == std::string::npos) {
     std::this_thread::sleep_for(kPoll);
@@ -91,7 +62,7 @@ TEST_F(Signals, UserSignalTellsTheProgress) {
 }
 
 TEST_F(Signals, NextRunRemovesWhatAKilledOneLeft) {
-  Running running = Start();
+  const RunningProgram running = Start();
   running.Send(SIGKILL);
   EXPECT_EQ(running.Wait(), -SIGKILL);
   EXPECT_EQ(Staging().size(), 1u);
@@ -106,7 +77,7 @@ TEST_F(Signals, NextRunRemovesWhatAKilledOneLeft) {
 }
 
 TEST_F(Signals, ARunThatGoesOnIsLeftAlone) {
-  const Running running = Start();
+  const RunningProgram running = Start();
   const ProgramResult result =
       testing::RunTool("s3-synth", {"--scene", "posters", "--frames", "2", "--output",
                                     (place_ / "place/out").string(), "--overwrite"});

@@ -211,6 +211,16 @@ TEST(RunFolder, EmptyAndAbsentFoldersAreRefused) {
               ThrowsMessage<InputError>(HasSubstr("absent")));
 }
 
+TEST(RunFolder, PlanesOfAnotherVersionAreRefusedByName) {
+  const RunOnDisk run;
+  const fs::path path = run.path() / "3_refine" / "planes.json";
+  nlohmann::json document = ReadJson(path);
+  document["version"] = 2;
+  WriteJson(path, document);
+  EXPECT_THAT([&] { ReadRunFolder(run.path()); },
+              ThrowsMessage<InputError>(HasSubstr("planes.json: version 2 is not known here")));
+}
+
 TEST(RunFolder, DamagedPlanesAreNamed) {
   const RunOnDisk run;
   const fs::path path = run.path() / "3_refine" / "planes.json";

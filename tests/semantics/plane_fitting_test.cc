@@ -55,7 +55,7 @@ Reconstruction CornerScene() {
 TEST(FitPlanes, FitsAFloorSeenFromAbove) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, true);
-  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 1U);
   const PlanarSurface& plane = map.planes.at(PlaneId(0));
   EXPECT_EQ(plane.cluster_id, ClusterId(3));
@@ -68,7 +68,7 @@ TEST(FitPlanes, FitsAFloorSeenFromAbove) {
 TEST(FitPlanes, FindsSeveralPlanesInACluster) {
   const Reconstruction scene = CornerScene();
   SemanticMap map = OneCluster(scene, true);
-  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 2U);
   EXPECT_NEAR(PlaneAngle(map.planes.at(PlaneId(0)).plane_in_world,
                          map.planes.at(PlaneId(1)).plane_in_world),
@@ -82,19 +82,19 @@ TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
   for (auto& [id, point] : scene.points) point.xyz.z() += rng.Gaussian(0.0, 0.1);
   SemanticMap map = OneCluster(scene, true);
   PlaneOptions options;
-  FitPlanes(scene, options, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), options, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 1U);
   EXPECT_GT(map.planes.begin()->second.plane_in_world.normal.z(), std::cos(1.0 * kDegree));
   options.layer_sigmas = options.merge_sigmas;
   options.layer_angle_deg = options.merge_angle_deg;
-  FitPlanes(scene, options, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), options, 0, 1, map);
   EXPECT_GT(map.planes.size(), 1U);
 }
 
 TEST(FitPlanes, GivesClassesThatAreNotPlanarNone) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, false);
-  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
   EXPECT_TRUE(map.planes.empty());
 }
 
@@ -102,7 +102,7 @@ TEST(FitPlanes, WantsTheClassesMinimumOfInliers) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, true);
   map.class_table.classes[0].min_plane_inliers = 201;
-  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
   EXPECT_TRUE(map.planes.empty());
 }
 
@@ -111,7 +111,7 @@ TEST(FitPlanes, RefusesPointsWithoutAnySurface) {
   options.num_points = 300;  // All over a cube.
   const Reconstruction scene = testing::MakeTestScene(options);
   SemanticMap map = OneCluster(scene, true);
-  FitPlanes(scene, PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
   EXPECT_TRUE(map.planes.empty());
 }
 

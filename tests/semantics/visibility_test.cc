@@ -31,12 +31,13 @@ Reconstruction RowOfCameras(double apart) {
 
 TEST(VisibilityPredictor, FindsWhatANearbyImageObserves) {
   const Reconstruction scene = RowOfCameras(0.5);
-  const VisibilityPredictor predictor(scene, VisibilityOptions{});
+  const PointRows rows(scene);
+  const VisibilityPredictor predictor(scene, rows, VisibilityOptions{});
   const Image& second = scene.images.at(ImageId(1));
   const auto predictions = predictor.Predict(second);
   ASSERT_EQ(predictions.size(), 5U);
   for (size_t i = 0; i < 5; ++i) {
-    EXPECT_EQ(predictions[i].point_id, PointId(i));
+    EXPECT_EQ(predictions[i].row, i);
     const auto xy = scene.CameraOf(second).ImageFromCamera(second.cam_from_world *
                                                            scene.points.at(PointId(i)).xyz);
     EXPECT_EQ(predictions[i].xy, *xy);
@@ -46,7 +47,8 @@ TEST(VisibilityPredictor, FindsWhatANearbyImageObserves) {
 
 TEST(VisibilityPredictor, KeepsToTheAngle) {
   const Reconstruction scene = RowOfCameras(1.2);  // 6.8 and 13.5 degrees.
-  const VisibilityPredictor predictor(scene, VisibilityOptions{});
+  const PointRows rows(scene);
+  const VisibilityPredictor predictor(scene, rows, VisibilityOptions{});
   EXPECT_FALSE(predictor.Predict(scene.images.at(ImageId(1))).empty());
   EXPECT_TRUE(predictor.Predict(scene.images.at(ImageId(2))).empty());
 }
@@ -56,7 +58,8 @@ TEST(VisibilityPredictor, KeepsToTheDepthAndTheImage) {
   scene.images.at(ImageId(1)).cam_from_world.translation.z() = -4.0;  // 10 becomes 6.
   scene.images.at(ImageId(2)).cam_from_world.rotation =
       QuaternionFromRotationVector({0.0, 0.65, 0.0});  // The points leave the image.
-  const VisibilityPredictor predictor(scene, VisibilityOptions{});
+  const PointRows rows(scene);
+  const VisibilityPredictor predictor(scene, rows, VisibilityOptions{});
   EXPECT_TRUE(predictor.Predict(scene.images.at(ImageId(1))).empty());
   EXPECT_TRUE(predictor.Predict(scene.images.at(ImageId(2))).empty());
 }
@@ -65,7 +68,9 @@ TEST(VisibilityPredictor, CanBeSwitchedOff) {
   const Reconstruction scene = RowOfCameras(0.5);
   VisibilityOptions options;
   options.predict = false;
-  EXPECT_TRUE(VisibilityPredictor(scene, options).Predict(scene.images.at(ImageId(1))).empty());
+  const PointRows rows(scene);
+  EXPECT_TRUE(
+      VisibilityPredictor(scene, rows, options).Predict(scene.images.at(ImageId(1))).empty());
 }
 
 }  // namespace

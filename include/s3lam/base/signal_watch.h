@@ -18,6 +18,9 @@ class SignalWatch {
   SignalWatch(const SignalWatch&) = delete;
   SignalWatch& operator=(const SignalWatch&) = delete;
 
+  /// Said when a signal ends the program from now on, e.g. how to go on; empty for nothing.
+  static void SetAdvice(const std::string& advice);
+
   /// True once a signal is ending the program: errors that follow from that are not worth a word.
   static bool IsEnding();
 

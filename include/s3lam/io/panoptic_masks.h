@@ -63,6 +63,8 @@ class PanopticMasks {
   PanopticMasks& operator=(PanopticMasks&&) noexcept;
 
   [[nodiscard]] MaskFormat format() const;
+  /// Of the one JSON for all masks; empty in formats without one.
+  [[nodiscard]] const std::filesystem::path& json_path() const;
   /// Paths of the masks relative to the folder, sorted.
   [[nodiscard]] const std::vector<std::string>& names() const;
 

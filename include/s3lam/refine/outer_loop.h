@@ -13,6 +13,7 @@
 #include "s3lam/refine/problem_builder.h"
 #include "s3lam/refine/relations.h"
 #include "s3lam/refine/retriangulation.h"
+#include "s3lam/refine/solve_journal.h"
 
 namespace s3lam {
 
@@ -47,6 +48,7 @@ struct OuterLoopSettings {
   RelationOptions relations;
   CameraHeightOptions camera_height;
   OuterLoopOptions outer;
+  SolveJournal* journal = nullptr;  // Not a configuration value: what solves lead to is kept in it.
 };
 
 /// Bundle adjustment without planes, again until the outliers settle. Sets solver.sigma_px, on

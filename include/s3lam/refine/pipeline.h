@@ -36,6 +36,7 @@ struct Input {
   Constraints constraints;
   KeypointSigmas keypoint_sigmas;  // Empty: all alike.
   PointDescriptors descriptors;    // What the points look like; may be empty.
+  StepStore* steps = nullptr;      // Where solves are kept, for a run that can be gone on with.
 };
 
 struct Output {

@@ -37,12 +37,13 @@ std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruct
 
 /// Fits planes to every cluster of a planar class, by MSAC and weighted least squares, as long as
 /// what is left of the cluster supports another with the class's minimum of inliers. What a point
-/// may miss a plane by is its covariance along the normal and the surface's roughness. A plane is
-/// one connected patch; patches that are one within their noise are joined. Where planes of
-/// horizontal classes tell which way is up, classes of a known orientation keep to it. Normals
-/// point to the cameras. Deterministic in the seed, at any number of threads.
-void FitPlanes(const Reconstruction& reconstruction, const PlaneOptions& options, uint64_t seed,
-               int num_threads, SemanticMap& map);
+/// may miss a plane by is its covariance along the normal, for keypoints of `keypoint_sigma_px`,
+/// and the surface's roughness. A plane is one connected patch; patches that are one within their
+/// noise are joined. Where planes of horizontal classes tell which way is up, classes of a known
+/// orientation keep to it. Normals point to the cameras. Deterministic in the seed, at any number
+/// of threads.
+void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
+               const PlaneOptions& options, uint64_t seed, int num_threads, SemanticMap& map);
 
 /// The convex hull of points in the plane, counter-clockwise, without collinear corners.
 std::vector<Eigen::Vector2d> ConvexHull(std::vector<Eigen::Vector2d> points);

@@ -1,0 +1,148 @@
+// Colour masks are read through PanopticMasks, whose KITTI-STEP ids are the colours.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <array>
+#include <cstdlib>
+#include <string>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/rng.h"
+#include "s3lam/io/panoptic_masks.h"
+#include "support/temp_dir.h"
+
+namespace s3lam {
+namespace {
+
+using testing::TempDir;
+
+constexpr int kWidth = 37;
+constexpr int kHeight = 50;
+
+/// Every label is a class of stuff.
+ClassTable Table() {
+  ClassTable table{"test", {}};
+  for (int label = 0; label < 256; ++label) {
+    table.classes.push_back({label,
+                             "c" + std::to_string(label),
+                             false,
+                             false,
+                             false,
+                             50,
+                             SurfaceOrientation::kAny,
+                             {}});
+  }
+  return table;
+}
+
+/// Colours in runs, some in every row that are noise.
+SegmentImage MakePixels() {
+  Rng rng(3);
+  SegmentImage pixels(kHeight, kWidth);
+  uint32_t colour = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const bool repeat_above = y > 0 && rng.Below(3) > 0;
+      if (rng.Below(4) == 0) colour = static_cast<uint32_t>(rng.Below(1U << 24));
+      pixels(y, x) = repeat_above ? pixels(y - 1, x) : colour;
+    }
+  }
+  return pixels;
+}
+
+int ByteOf(const SegmentImage& pixels, int x, int y, int channel) {
+  return x < 0 || y < 0 ? 0 : static_cast<int>(pixels(y, x) >> (8 * channel) & 255U);
+}
+
+/// What a filter of the PNG specification (9.2) predicts of a byte.
+int Predict(int filter, int left, int up, int up_left) {
+  const int p = left + up - up_left;
+  switch (filter) {
+    case 1:
+      return left;
+    case 2:
+      return up;
+    case 3:
+      return (left + up) / 2;
+    case 4:
+      if (std::abs(p - left) <= std::abs(p - up) && std::abs(p - left) <= std::abs(p - up_left)) {
+        return left;
+      }
+      return std::abs(p - up) <= std::abs(p - up_left) ? up : up_left;
+    default:
+      return 0;
+  }
+}
+
+/// The rows, filtered by `filter`, or if that is negative by each filter in turn.
+std::string FilterRows(const SegmentImage& pixels, int filter) {
+  std::string rows;
+  for (int y = 0; y < kHeight; ++y) {
+    const int type = filter >= 0 ? filter : y % 5;
+    rows += static_cast<char>(type);
+    for (int x = 0; x < kWidth; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        const int predicted = Predict(type, ByteOf(pixels, x - 1, y, c),
+                                      ByteOf(pixels, x, y - 1, c), ByteOf(pixels, x - 1, y - 1, c));
+        rows += static_cast<char>(ByteOf(pixels, x, y, c) - predicted);
+      }
+    }
+  }
+  return rows;
+}
+
+std::string BigEndian(size_t value) {
+  std::string bytes;
+  for (int shift = 24; shift >= 0; shift -= 8) bytes += static_cast<char>(value >> shift & 255U);
+  return bytes;
+}
+
+std::string Chunk(const std::string& type, const std::string& data) {
+  const std::string body = type + data;
+  const auto checksum =
+      crc32(0, reinterpret_cast<const Bytef*>(body.data()), static_cast<uInt>(body.size()));
+  return BigEndian(data.size()) + body + BigEndian(checksum);
+}
+
+/// A PNG of filtered rows, its data in three chunks, one of them empty.
+std::string MakePng(const std::string& rows) {
+  uLongf size = compressBound(static_cast<uLong>(rows.size()));
+  std::string data(size, '\0');
+  compress(reinterpret_cast<Bytef*>(data.data()), &size,
+           reinterpret_cast<const Bytef*>(rows.data()), static_cast<uLong>(rows.size()));
+  data.resize(size);
+  const std::string kind("\x08\x02\x00\x00\x00", 5);
+  return "\x89PNG\r\n\x1a\n" + Chunk("IHDR", BigEndian(kWidth) + BigEndian(kHeight) + kind) +
+         Chunk("IDAT", data.substr(0, 70)) + Chunk("IDAT", "") + Chunk("IDAT", data.substr(70)) +
+         Chunk("IEND", "");
+}
+
+class ColourPng : public ::testing::Test {
+ protected:
+  [[nodiscard]] SegmentImage Read(const std::string& png) const {
+    dir_.Write("masks/a.png", png);
+    return PanopticMasks(dir_ / "masks", MaskFormat::kKittiStep, {}, Table()).Read(0).segment_ids;
+  }
+
+  TempDir dir_;
+};
+
+TEST_F(ColourPng, UndoesEveryFilter) {
+  const SegmentImage pixels = MakePixels();
+  for (int filter = -1; filter <= 4; ++filter) {
+    EXPECT_EQ(Read(MakePng(FilterRows(pixels, filter))), pixels) << "filter " << filter;
+  }
+}
+
+TEST_F(ColourPng, RefusesDamagedFiles) {
+  const std::string rows = FilterRows(MakePixels(), -1);
+  EXPECT_THROW((void)Read(MakePng(rows.substr(0, rows.size() / 2))), InputError);  // Rows missing.
+  std::string unknown_filter = rows;
+  unknown_filter[0] = 9;
+  EXPECT_THROW((void)Read(MakePng(unknown_filter)), InputError);
+}
+
+}  // namespace
+}  // namespace s3lam

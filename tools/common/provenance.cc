@@ -1,0 +1,106 @@
+#include "common/provenance.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <system_error>
+
+#include "s3lam/base/error.h"
+#include "s3lam/base/sha256.h"
+#include "s3lam/base/version.h"
+
+namespace s3lam::tools {
+namespace fs = std::filesystem;
+namespace {
+
+std::string HashOfFile(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) ThrowInputError("{}: cannot open: {}", path.string(), std::strerror(errno));
+  Sha256 hash;
+  std::vector<char> buffer(1 << 20);
+  while (stream) {
+    stream.read(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+    hash.Update({buffer.data(), static_cast<size_t>(stream.gcount())});
+  }
+  if (!stream.eof()) ThrowInputError("{}: cannot read: {}", path.string(), std::strerror(errno));
+  return hash.Finish();
+}
+
+/// Zero for what has gone meanwhile: whoever needs it says so.
+uintmax_t SizeOf(const fs::path& path) {
+  std::error_code error;
+  const uintmax_t size = fs::file_size(path, error);
+  return error ? 0 : size;
+}
+
+}  // namespace
+
+Provenance::Provenance(const std::string& program, const CommonArguments& common,
+                       nlohmann::json config)
+    : program_(program), seed_(common.seed), config_(std::move(config)) {}
+
+void Provenance::AddFile(const std::string& input, const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_regular_file(path, error)) return;
+  inputs_[input] = {{"path", path.string()},
+                    {"bytes", SizeOf(path)},
+                    {"sha256", HashOfFile(path)},
+                    {"sha256_of", "content"}};
+}
+
+void Provenance::AddFiles(const std::string& input, const fs::path& folder,
+                          const std::vector<std::string>& names) {
+  for (const std::string& name : names) AddFile(input + "/" + name, folder / name);
+}
+
+void Provenance::AddListing(const std::string& input, const fs::path& folder,
+                            const std::vector<fs::path>& files) {
+  Sha256 hash;
+  uintmax_t bytes = 0;
+  for (const fs::path& file : files) {
+    const uintmax_t size = SizeOf(file);
+    bytes += size;
+    hash.Update(fmt::format("{} {}\n", size, file.lexically_relative(folder).string()));
+  }
+  inputs_[input] = {{"path", folder.string()},
+                    {"files", files.size()},
+                    {"bytes", bytes},
+                    {"sha256", hash.Finish()},
+                    {"sha256_of", "sizes and names"}};
+}
+
+void Provenance::AddListing(const std::string& input, const fs::path& folder) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  for (fs::recursive_directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    if (it->is_regular_file(error)) files.push_back(it->path());
+  }
+  std::sort(files.begin(), files.end());
+  AddListing(input, folder, files);
+}
+
+nlohmann::json Provenance::Hashes() const {
+  nlohmann::json hashes = nlohmann::json::object();
+  for (const auto& [input, entry] : inputs_.items()) hashes[input] = entry["sha256"];
+  return hashes;
+}
+
+void Provenance::AddTo(nlohmann::json& report) const {
+  report["program"] = program_;
+  report["version"] = Version();
+  report["seed"] = seed_;
+  report["config"] = config_;
+  report["inputs"] = inputs_;
+}
+
+std::vector<std::string> ModelFiles() {
+  return {"cameras.bin",  "images.bin",    "points3D.bin", "cameras.txt",     "images.txt",
+          "points3D.txt", "keyframes.txt", "frames.txt",   "descriptors.bin", "observations.bin"};
+}
+
+}  // namespace s3lam::tools
