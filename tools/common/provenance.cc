@@ -99,8 +99,9 @@ void Provenance::AddTo(nlohmann::json& report) const {
 }
 
 std::vector<std::string> ModelFiles() {
-  return {"cameras.bin",  "images.bin",    "points3D.bin", "cameras.txt",     "images.txt",
-          "points3D.txt", "keyframes.txt", "frames.txt",   "descriptors.bin", "observations.bin"};
+  return {"cameras.bin",     "images.bin",       "points3D.bin",       "cameras.txt",
+          "images.txt",      "points3D.txt",     "keyframes.txt",      "frames.txt",
+          "descriptors.bin", "observations.bin", "keypoint_sigmas.bin"};
 }
 
 }  // namespace s3lam::tools
