@@ -88,9 +88,20 @@ ObjectScene MakeObjectScene(int num_objects, uint32_t num_frames, double merge_r
   return scene;
 }
 
-TEST(ClusterByConsensus, FindsObjectsWithoutHelpFromClasses) {
+/// By the number of frames joined at first: all of them, or runs of a few.
+class ByWindow : public ::testing::TestWithParam<int> {
+ protected:
+  [[nodiscard]] static ConsensusOptions Options() {
+    ConsensusOptions options;
+    options.window = GetParam();
+    return options;
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Windows, ByWindow, ::testing::Values(128, 5, 1));
+
+TEST_P(ByWindow, FindsObjectsWithoutHelpFromClasses) {
   ObjectScene scene = MakeObjectScene(5, 12, 0.0, 1);
-  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), ConsensusOptions{});
+  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), Options());
   EXPECT_EQ(result.num_instances, 5);
   std::map<int, std::set<int32_t>> instances;
   for (size_t s = 0; s < scene.objects_of_segment.size(); ++s) {
@@ -99,9 +110,9 @@ TEST(ClusterByConsensus, FindsObjectsWithoutHelpFromClasses) {
   for (const auto& [object, found] : instances) EXPECT_EQ(found.size(), 1U) << object;
 }
 
-TEST(ClusterByConsensus, OutvotesMergedSegments) {
+TEST_P(ByWindow, OutvotesMergedSegments) {
   ObjectScene scene = MakeObjectScene(5, 20, 0.3, 2);
-  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), ConsensusOptions{});
+  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), Options());
   std::map<int, std::set<int32_t>> instances;
   std::set<int32_t> all;
   int merged = 0;

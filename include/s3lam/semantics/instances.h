@@ -35,6 +35,7 @@ struct ConsensusOptions {
   double predicted_weight = 0.3;
   double min_agreement = 1.0;
   int max_partners = 60;
+  int window = 128;
 
   void Visit(OptionVisitor& v);
 };
