@@ -24,6 +24,7 @@
 #include "s3lam/io/npy.h"
 #include "s3lam/io/panoptic_masks.h"
 #include "s3lam/io/semantic_map_io.h"
+#include "s3lam/report/keyframe_pictures.h"
 #include "s3lam/semantics/pipeline.h"
 
 namespace s3lam::tools {
@@ -41,7 +42,9 @@ constexpr const char* kDescription =
     "as \"points\" of semantics.json), planes.ply, points.ply, report.json, config.json, and the "
     "model "
     "coloured\n"
-    "by class and by cluster in model_by_class/ and model_by_cluster/.";
+    "by class and by cluster in model_by_class/ and model_by_cluster/; with --overlays, pictures\n"
+    "of images in overlays/: keypoints in the colours of their classes, planes with their\n"
+    "outlines, normals and axes.";
 
 po::options_description Arguments() {
   po::options_description description("s3-lift");
@@ -67,6 +70,10 @@ po::options_description Arguments() {
   add("classes", po::value<std::string>()->value_name("FILE.json"),
       "class table: a file, or a name such\nas coco or cityscapes");
   add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
+  add("overlays", po::value<std::string>()->default_value("0")->value_name("N|all|NAME,..."),
+      "draw keypoints and planes onto so many images, all, or those named");
+  add("images", po::value<std::string>()->default_value("")->value_name("DIR"),
+      "where they are (default: what the model's project.ini says)");
   add("lenient", po::bool_switch(), "skip and count masks that cannot be used");
   return description;
 }
@@ -212,6 +219,23 @@ std::optional<ConfusionMatrix> ReadConfusion(const std::string& path, const Clas
   return matrix;
 }
 
+/// What --overlays asks for.
+struct Overlays {
+  std::vector<const Image*> images;
+  fs::path image_directory;
+};
+
+Overlays ChooseOverlays(const po::variables_map& arguments, const Reconstruction& model) {
+  Overlays overlays;
+  overlays.images = SelectImages(model, arguments["overlays"].as<std::string>());
+  overlays.image_directory = arguments["images"].as<std::string>();
+  if (overlays.images.empty() || !overlays.image_directory.empty()) return overlays;
+  const auto noted = ReadColmapProject(fs::path(Required(arguments, "model")) / "project.ini");
+  if (!noted) throw UsageError("--overlays needs --images: the model has no project.ini");
+  overlays.image_directory = *noted;
+  return overlays;
+}
+
 /// Writes for every frame of a sequence that has a mask what to ignore in it.
 void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& common) {
   const fs::path mask_path = Required(arguments, "masks");
@@ -301,12 +325,15 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(masks, model);
+  const Overlays overlays = ChooseOverlays(arguments, model);
 
   const LiftResult result = LiftSemantics(
       model, table, [&](const Image& image) { return source.Read(image); }, descriptors, options);
   json report = ReportToJson(result.report, table);
   provenance->AddTo(report);
   WriteResult(model, result, provenance->config(), report, common.threads, output.path());
+  WriteKeyframePictures(model, result.map, overlays.images, overlays.image_directory,
+                        common.threads, output.path() / "overlays");
   output.Commit();
   report.erase("config");
   PrintReport(common, ReportToTable(result.report, table), report);

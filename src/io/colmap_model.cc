@@ -5,6 +5,7 @@
 #include <cstring>
 #include <fstream>
 #include <set>
+#include <sstream>
 #include <string_view>
 #include <system_error>
 
@@ -115,6 +116,16 @@ void WriteColmapProject(const fs::path& image_directory, const fs::path& path) {
   WriteFile(path, [&](std::ostream& stream) {
     stream << "database_path=\nimage_path=" << fs::absolute(image_directory).string() << "\n";
   });
+}
+
+std::optional<fs::path> ReadColmapProject(const fs::path& path) {
+  constexpr std::string_view kKey = "image_path=";
+  if (!fs::exists(path)) return std::nullopt;
+  std::istringstream lines(ReadFile(path));
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with(kKey)) return line.substr(kKey.size());
+  }
+  return std::nullopt;
 }
 
 }  // namespace s3lam

@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "s3lam/base/error.h"
-#include "s3lam/io/image_file.h"
+#include "s3lam/report/keyframe_pictures.h"
 #include "s3lam/report/map_view.h"
 #include "s3lam/report/plots.h"
 
@@ -71,36 +69,6 @@ ArmMap MapOfArm(const RunFolder& run, size_t k, const Similarity3& view_from_arm
     }
   }
   return map;
-}
-
-/// Up to `count` of the images, evenly spread, in order.
-std::vector<const Image*> SpreadImages(const Reconstruction& model, int count) {
-  std::vector<const Image*> all;
-  for (const auto& [id, image] : model.images) all.push_back(&image);
-  const size_t wanted = std::min(all.size(), static_cast<size_t>(count));
-  std::vector<const Image*> spread;
-  for (size_t i = 0; i < wanted; ++i) {
-    spread.push_back(all[wanted == 1 ? 0 : i * (all.size() - 1) / (wanted - 1)]);
-  }
-  return spread;
-}
-
-cv::Mat DrawKeyframe(const Options& options, const RunFolder& run, const Image& image,
-                     const RowOfPoint& rows, const fs::path& path) {
-  const Arm& arm = run.arms.back();
-  const Camera& camera = arm.model.CameraOf(image);
-  const cv::Mat original = ReadImageFile(path, cv::IMREAD_COLOR);
-  if (original.cols != static_cast<int>(camera.width) ||
-      original.rows != static_cast<int>(camera.height)) {
-    ThrowInputError("{}: {} x {} px, but its camera has {} x {}", path.string(), original.cols,
-                    original.rows, camera.width, camera.height);
-  }
-  OverlayOptions overlay;
-  overlay.scale = std::min(1.0, double(options.gallery_width) / original.cols);
-  cv::Mat picture;
-  cv::resize(original, picture, {}, overlay.scale, overlay.scale, cv::INTER_AREA);
-  DrawOverlay(camera, image, *run.semantics, rows, arm.planes, arm.model, overlay, picture);
-  return picture;
 }
 
 }  // namespace
@@ -195,14 +163,16 @@ void AddKeyframeFigures(const Options& options, const RunFolder& run,
   }
   const RowOfPoint rows = RowsOfPoints(*run.semantics);
   size_t num_absent = 0;
-  for (const Image* image : SpreadImages(run.arms.back().model, options.gallery_images)) {
+  const Arm& arm = run.arms.back();
+  for (const Image* image : SpreadImages(arm.model, options.gallery_images)) {
     const fs::path path = directory / image->name;
     if (!was_asked && !fs::exists(path)) {
       ++num_absent;
       continue;
     }
     figures.push_back({"keyframes", fmt::format("keyframe_{:06d}", image->id.value()), image->name,
-                       DrawKeyframe(options, run, *image, rows, path)});
+                       DrawKeyframe(arm.model, *image, path, *run.semantics, rows, arm.planes,
+                                    options.gallery_width)});
   }
   if (num_absent > 0) {
     missing.push_back(fmt::format(

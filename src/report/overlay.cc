@@ -105,6 +105,7 @@ void DrawOutline(const Camera& camera, const Rigid3& cam_from_world, const Plana
   flush();
 }
 
+/// The normal as an arrow, the axes in the plane as thin lines.
 void DrawNormal(const Camera& camera, const Rigid3& cam_from_world, const PlanarSurface& plane,
                 const Vector3d& foot_in_world, const cv::Scalar& color,
                 const OverlayOptions& options, cv::Mat& picture) {
@@ -114,6 +115,14 @@ void DrawNormal(const Camera& camera, const Rigid3& cam_from_world, const Planar
   const auto foot = ProjectNear(camera, cam_from_world * foot_in_world);
   const auto tip = ProjectNear(camera, cam_from_world * tip_in_world);
   if (!foot || !tip) return;
+  for (const Vector3d& axis : {plane.axis_u_in_world, plane.axis_v_in_world}) {
+    const auto end = ProjectNear(
+        camera, cam_from_world * (foot_in_world + options.axis_length * distance * axis));
+    if (end) {
+      DrawLine({ToFixed(*foot, options.scale), ToFixed(*end, options.scale)}, false, color, 1,
+               picture);
+    }
+  }
   DrawLine({ToFixed(*foot, options.scale), ToFixed(*tip, options.scale)}, false, color, 2, picture);
   const Vector2d arm = *tip - *foot;
   if (arm.norm() * options.scale < 4.0) return;  // Seen end on: no room for a head.

@@ -51,14 +51,8 @@ void ReadRecords(const fs::path& directory, RunFolder& run) {
 
 /// The image folder that project.ini names.
 fs::path NotedImageDirectory(const fs::path& directory) {
-  static constexpr std::string_view kKey = "image_path=";
   for (const char* folder : {kSlam, kRefine, kPlain}) {
-    const fs::path path = directory / folder / "project.ini";
-    if (!fs::exists(path)) continue;
-    std::istringstream lines(ReadFile(path));
-    for (std::string line; std::getline(lines, line);) {
-      if (line.starts_with(kKey)) return line.substr(kKey.size());
-    }
+    if (const auto images = ReadColmapProject(directory / folder / "project.ini")) return *images;
   }
   return {};
 }

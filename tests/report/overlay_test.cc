@@ -120,7 +120,26 @@ TEST(Overlay, OutlineBeyondTheFoldOfTheDistortionIsNotDrawn) {
   ASSERT_LT(folded->x(), 640.0);
   ASSERT_GT(folded->y(), 0.0);
   ASSERT_LT(folded->y(), 480.0);
-  EXPECT_EQ(At(flat.Draw(), *folded), kWhite);
+  OverlayOptions options;
+  options.axis_length = 0.0;  // One would run through that pixel.
+  EXPECT_EQ(At(flat.Draw(options), *folded), kWhite);
+}
+
+TEST(Overlay, AxesLieInThePlane) {
+  Flat flat;
+  const double distance = (flat.image->cam_from_world * Vector3d(0.0, 0.0, 0.0)).norm();
+  const PlanarSurface& plane = flat.map.planes.at(PlaneId(2));
+  for (const Vector3d& axis : {plane.axis_u_in_world, plane.axis_v_in_world}) {
+    OverlayOptions options;
+    const Vector3d on_axis = 0.7 * options.axis_length * distance * axis;
+    const auto xy =
+        flat.model.cameras.at(CameraId(1)).ImageFromCamera(flat.image->cam_from_world * on_axis);
+    const cv::Vec3b drawn = At(flat.Draw(options), *xy);  // Thin: smoothed with its dark rim.
+    EXPECT_GT(drawn[2], 200);
+    EXPECT_LT(drawn[0], 50);
+    options.axis_length = 0.0;
+    EXPECT_EQ(At(flat.Draw(options), *xy), kWhite);
+  }
 }
 
 TEST(MapView, NearerPointsCoverFartherOnes) {

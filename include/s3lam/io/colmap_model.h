@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <iosfwd>
 
 #include "s3lam/scene/reconstruction.h"
@@ -28,6 +29,8 @@ void WriteColmapModelText(const Reconstruction& reconstruction,
 /// Writes the project.ini that lets the COLMAP GUI find the images.
 void WriteColmapProject(const std::filesystem::path& image_directory,
                         const std::filesystem::path& path);
+/// The folder of images that a project.ini names; empty without the file or the name.
+std::optional<std::filesystem::path> ReadColmapProject(const std::filesystem::path& path);
 
 /// Stream forms. `source` is the file's name for messages; readers do not check references.
 void ReadCamerasBinary(std::istream& stream, const std::string& source, Reconstruction& model);

@@ -19,12 +19,13 @@ struct OverlayOptions {
   int min_plane_observations =
       5;                       // Planes of which the image observes fewer inliers are not drawn.
   double arrow_length = 0.12;  // Of a normal, relative to its distance from the camera.
+  double axis_length = 0.06;   // Of an axis in the plane, likewise.
 };
 
 /// Draws, into a BGR picture of the image: a dot in the colour of its point's class for every
 /// keypoint that observes a clustered point (small and grey for other observed points), and for
 /// each plane the image observes its outline and, from the middle of the observed inliers, its
-/// normal. Planes are in the world of `image.cam_from_world`.
+/// normal and its axes. Planes are in the world of `image.cam_from_world`.
 void DrawOverlay(const Camera& camera, const Image& image, const SemanticMap& map,
                  const RowOfPoint& rows, std::span<const PlanarSurface> planes,
                  const Reconstruction& model, const OverlayOptions& options, cv::Mat& picture);

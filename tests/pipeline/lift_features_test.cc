@@ -1,0 +1,124 @@
+// What s3-lift writes besides the semantic map.
+
+#include <nlohmann/json.hpp>
+
+#include "pipeline/model_fixture.h"
+
+namespace s3lam {
+namespace {
+
+using nlohmann::json;
+using testing::ExpectRefused;
+using testing::FileBytes;
+using testing::kBadInput;
+using testing::kClasses;
+using testing::kDone;
+using testing::kWrongUsage;
+using testing::Listing;
+using testing::ProgramResult;
+using testing::RunTool;
+
+class LiftFeatures : public testing::ModelTest {
+ protected:
+  static constexpr int kCar = 13;
+
+  /// Writes a grey image for every mask, under the names of the model's images.
+  void WriteImages() const {
+    std::filesystem::create_directories(images());
+    for (const auto& [id, image] : ReadColmapModel(model()).images) {
+      cv::imwrite((images() / image.name).string(), cv::Mat(mask_size_, CV_8UC1, cv::Scalar(90)));
+    }
+  }
+
+  [[nodiscard]] std::filesystem::path images() const { return inputs_ / "images"; }
+
+  [[nodiscard]] ProgramResult Lift(const std::vector<std::string>& more) const {
+    std::vector<std::string> arguments = LiftArguments();
+    arguments.insert(arguments.end(), {"--output", output().string()});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return RunTool("s3-lift", arguments);
+  }
+
+  /// Arguments that write what to ignore in the images.
+  [[nodiscard]] std::vector<std::string> IgnoreArguments() const {
+    return {"--sequence",     images().string(), "--masks",
+            masks().string(), "--classes",       (kClasses / "cityscapes.json").string(),
+            "--output",       output().string(), "--overwrite",
+            "--json"};
+  }
+};
+
+TEST_F(LiftFeatures, OverlaysOfSoManyImages) {
+  WriteImages();
+  const ProgramResult result = Lift({"--overlays", "3", "--images", images().string()});
+  ASSERT_EQ(result.exit_code, kDone) << result.errors;
+  const auto names = Listing(output() / "overlays");
+  ASSERT_EQ(names.size(), 3U);
+  const cv::Mat picture = cv::imread((output() / "overlays" / names.front()).string());
+  EXPECT_EQ(picture.size(), mask_size_);
+  EXPECT_GT(cv::norm(picture, cv::Mat(picture.size(), CV_8UC3, cv::Scalar::all(90)), cv::NORM_INF),
+            50.0);  // Something is drawn.
+}
+
+TEST_F(LiftFeatures, OverlaysFindTheImagesByTheProject) {
+  WriteImages();
+  ExpectRefused(Lift({"--overlays", "1"}), kWrongUsage, {"--images"});
+  WriteColmapProject(images(), model() / "project.ini");
+  ASSERT_EQ(Lift({"--overlays", "1"}).exit_code, kDone);
+  EXPECT_EQ(Listing(output() / "overlays").size(), 1U);
+}
+
+TEST_F(LiftFeatures, OverlaysThatCannotBeDrawn) {
+  WriteImages();
+  ExpectRefused(Lift({"--overlays", "nobody.png", "--images", images().string()}), kBadInput,
+                {"nobody.png"});
+  ExpectRefused(Lift({"--overlays", "all", "--images", "/nonexistent"}), kBadInput,
+                {"/nonexistent"});
+  EXPECT_FALSE(std::filesystem::exists(output()));
+}
+
+TEST_F(LiftFeatures, IgnoreMasksOfASequence) {
+  WriteImages();
+  cv::Mat mask(mask_size_, CV_8UC3, cv::Scalar(0, 0, kRoad));
+  const cv::Rect car(100, 100, 60, 40);
+  mask(car) = cv::Scalar(1, 0, kCar);  // Instance 1 in blue, the label in red.
+  cv::imwrite((masks() / mask_names_[0]).string(), mask);
+  std::vector<std::string> arguments = IgnoreArguments();
+  arguments.insert(arguments.end(), {"--ignore-margin", "0"});
+  const ProgramResult result = RunTool("s3-lift", arguments);
+  ASSERT_EQ(result.exit_code, kDone) << result.errors;
+  EXPECT_EQ(json::parse(result.output)["frames_with_mask"], mask_names_.size());
+  const auto names = Listing(output());
+  ASSERT_EQ(names.size(), mask_names_.size());
+  const cv::Mat ignored = cv::imread((output() / names[0]).string(), cv::IMREAD_UNCHANGED);
+  ASSERT_EQ(ignored.size(), mask_size_);
+  EXPECT_EQ(static_cast<int>(ignored.total()) - cv::countNonZero(ignored), car.area());
+  EXPECT_EQ(ignored.at<uint8_t>(car.y + 5, car.x + 5), 0);
+  const cv::Mat other = cv::imread((output() / names[1]).string(), cv::IMREAD_UNCHANGED);
+  EXPECT_EQ(cv::countNonZero(other), static_cast<int>(other.total()));
+}
+
+TEST_F(LiftFeatures, IgnoreMasksGrowByTheMargin) {
+  WriteImages();
+  cv::Mat mask(mask_size_, CV_8UC3, cv::Scalar(0, 0, kRoad));
+  mask.at<cv::Vec3b>(50, 60) = {1, 0, kCar};
+  cv::imwrite((masks() / mask_names_[0]).string(), mask);
+  std::vector<std::string> arguments = IgnoreArguments();
+  arguments.insert(arguments.end(), {"--ignore-margin", "4"});
+  ASSERT_EQ(RunTool("s3-lift", arguments).exit_code, kDone);
+  const cv::Mat ignored =
+      cv::imread((output() / Listing(output())[0]).string(), cv::IMREAD_UNCHANGED);
+  EXPECT_EQ(ignored.at<uint8_t>(50, 64), 0);
+  EXPECT_NE(ignored.at<uint8_t>(50, 65), 0);
+}
+
+TEST_F(LiftFeatures, IgnoreMasksAndAModelExcludeEachOther) {
+  WriteImages();
+  ExpectRefused(Lift({"--sequence", images().string()}), kWrongUsage, {"--sequence", "--model"});
+  std::vector<std::string> arguments = IgnoreArguments();
+  arguments.insert(arguments.end(), {"--ignore-margin", "-1"});
+  ExpectRefused(RunTool("s3-lift", arguments), kWrongUsage, {"--ignore-margin"});
+}
+
+}  // namespace
+}  // namespace s3lam
