@@ -16,6 +16,8 @@
 namespace s3lam {
 namespace {
 
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+
 /// Depth of a point: the median over the cameras that observe it.
 double MedianDepthOf(const Reconstruction& reconstruction, const ScenePoint& point) {
   std::vector<double> depths;
@@ -61,7 +63,6 @@ Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& c
 /// certain than they claim first comes apart into parallel layers.
 void JoinLayers(const Candidates& candidates, const PlaneOptions& options, std::vector<size_t> rest,
                 std::vector<PlaneFit>& fits) {
-  constexpr double kRadPerDeg = std::numbers::pi / 180.0;
   const JoinLimits apart{options.merge_angle_deg * kRadPerDeg, options.merge_sigmas};
   const JoinLimits layered{options.layer_angle_deg * kRadPerDeg, options.layer_sigmas};
   for (size_t a = 0; a < fits.size(); ++a) {
@@ -130,26 +131,44 @@ PlanarSurface MakeSurface(const Reconstruction& reconstruction, const Cluster& c
   return surface;
 }
 
+/// Where the normals of a cluster's planes lie, and where they are expected.
+struct Bands {
+  NormalBand possible;
+  NormalBand expected;  // Within the other one.
+};
+
+/// The plane that most points support. A small surface leaves room for planes of quite different
+/// slopes; among such, one as expected is the likelier by far.
+std::optional<PlaneFit> FitLikeliestPlane(std::span<const UncertainPoint> points,
+                                          const Bands& bands, const PlaneOptions& options,
+                                          Rng& rng) {
+  auto best = FitPlaneRobustly(points, options.fit, bands.possible, rng);
+  if (!best || bands.expected.Contains(best->plane.normal)) return best;
+  auto expected = FitPlaneRobustly(points, options.fit, bands.expected, rng);
+  const double enough = options.exact_share * static_cast<double>(best->inliers.size());
+  if (!expected || static_cast<double>(expected->inliers.size()) < enough) return best;
+  return expected;
+}
+
 /// The next plane among the candidates listed in `rest`, as one connected patch.
 std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::vector<size_t>& rest,
-                                     const NormalBand& band, const PlaneOptions& options,
-                                     Rng& rng) {
+                                     const Bands& bands, const PlaneOptions& options, Rng& rng) {
   std::vector<UncertainPoint> points;
   for (const size_t i : rest) points.push_back(candidates.points[i]);
-  const auto whole = FitPlaneRobustly(points, options.fit, band, rng);
+  const auto whole = FitLikeliestPlane(points, bands, options, rng);
   if (!whole) return std::nullopt;
   std::vector<size_t> patch;
   for (const size_t i : LargestPatch(points, *whole, options.max_gap * candidates.median_depth)) {
     patch.push_back(rest[i]);
   }
   auto fit = FitPlane(candidates.points, patch);
-  if (!fit || !band.Contains(fit->plane.normal)) return std::nullopt;
+  if (!fit || !bands.possible.Contains(fit->plane.normal)) return std::nullopt;
   return fit;
 }
 
 std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstruction,
                                               const Cluster& cluster, const Candidates& candidates,
-                                              int min_class_inliers, const NormalBand& band,
+                                              int min_class_inliers, const Bands& bands,
                                               const PlaneOptions& options, Rng rng) {
   const double share = options.min_cluster_share * static_cast<double>(cluster.points.size());
   const auto min_inliers =
@@ -159,7 +178,7 @@ std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstructi
   std::vector<PlaneFit> fits;
   std::vector<size_t> too_small;  // Points of planes that are none.
   for (int i = 0; i < options.max_planes_per_cluster && rest.size() >= min_inliers; ++i) {
-    auto fit = FitNextPlane(candidates, rest, band, options, rng);
+    auto fit = FitNextPlane(candidates, rest, bands, options, rng);
     if (!fit) break;
     std::vector<size_t> remaining;
     std::set_difference(rest.begin(), rest.end(), fit->inliers.begin(), fit->inliers.end(),
@@ -260,6 +279,11 @@ void PlaneOptions::Visit(OptionVisitor& v) {
   v.Value("orientation_deg", orientation_deg,
           "Planes of classes that are horizontal or vertical by nature are so within this [deg].",
           0.0, 90.0);
+  v.Value("exact_deg", exact_deg,
+          "Of two planes that fit such a class about equally well, one within this is taken [deg].",
+          0.0, 90.0);
+  v.Value("exact_share", exact_share,
+          "That is, with at least this share of the inliers of the other.", 0.0, 1.0);
   v.Value("max_planes_per_cluster", max_planes_per_cluster, "Planes per cluster at most.", 0);
   v.Value("min_cluster_share", min_cluster_share,
           "A plane has at least this share of its cluster's points.", 0.0, 1.0);
@@ -313,22 +337,23 @@ void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
     if (c.is_planar) tasks.push_back({&cluster, &c, {}, {}});
   }
   const Rng rng(seed);
-  const auto fit = [&](Task& task, const NormalBand& band) {
+  const auto fit = [&](Task& task, const Bands& bands) {
     task.surfaces = FitPlanesToCluster(reconstruction, *task.cluster, task.candidates,
-                                       task.semantic_class->min_plane_inliers, band, options,
+                                       task.semantic_class->min_plane_inliers, bands, options,
                                        rng.Fork(task.cluster->id.value()));
   };
   ParallelFor(tasks.size(), num_threads, [&](size_t i) {
     tasks[i].candidates = FindCandidates(reconstruction, *tasks[i].cluster, sigma_px, options);
-    fit(tasks[i], NormalBand{});
+    fit(tasks[i], Bands{});
   });
-  const double max_angle = options.orientation_deg * std::numbers::pi / 180.0;
+  const double max_angle = options.orientation_deg * kRadPerDeg;
   if (const auto up = EstimateUp(tasks, max_angle)) {
     ParallelFor(tasks.size(), num_threads, [&](size_t i) {
       const SurfaceOrientation orientation = tasks[i].semantic_class->orientation;
       if (orientation == SurfaceOrientation::kAny) return;
-      const NormalBand band = BandOf(orientation, *up, max_angle);
-      if (!AllWithin(tasks[i].surfaces, band)) fit(tasks[i], band);
+      const Bands bands{BandOf(orientation, *up, max_angle),
+                        BandOf(orientation, *up, options.exact_deg * kRadPerDeg)};
+      if (!AllWithin(tasks[i].surfaces, bands.expected)) fit(tasks[i], bands);
     });
   }
   map.planes.clear();

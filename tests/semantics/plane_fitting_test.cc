@@ -91,6 +91,44 @@ TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
   EXPECT_GT(map.planes.size(), 1U);
 }
 
+TEST(FitPlanes, PrefersTheExpectedOfTwoLikelyPlanes) {
+  constexpr double kTilt = 8.0 * kDegree;
+  testing::TestSceneOptions scene_options;
+  scene_options.num_points = 600;
+  scene_options.noise_px = 0.0;
+  Reconstruction scene = testing::MakeTestScene(scene_options);
+  SemanticMap map = OneCluster(scene, true);
+  map.clusters.begin()->second.points.clear();
+  map.class_table.classes[0].orientation = SurfaceOrientation::kVertical;
+  map.class_table.classes.push_back(
+      {2, "floor", false, true, false, 30, SurfaceOrientation::kHorizontal, {}});
+  Cluster floor;
+  floor.id = ClusterId(4);
+  floor.class_index = 1;
+  int number = 0;
+  for (auto& [id, point] : scene.points) {  // More on the leaning wall than on the upright.
+    if (++number <= 200) {
+      point.xyz.z() = 0.0;
+      floor.points.push_back(id);
+      continue;
+    }
+    point.xyz.x() = number <= 380 ? 0.0 : std::tan(kTilt) * point.xyz.z();
+    map.clusters.begin()->second.points.push_back(id);
+  }
+  map.clusters[floor.id] = floor;
+  const double sigma_px = 0.5;
+  PlaneOptions options;
+  options.merge_angle_deg = options.layer_angle_deg = 1.0;
+  const auto lean_of_first = [&] {
+    FitPlanes(scene, sigma_px, options, 0, 1, map);
+    return std::asin(std::abs(map.planes.at(PlaneId(0)).plane_in_world.normal.z())) / kDegree;
+  };
+  options.exact_share = 0.8;
+  EXPECT_LT(lean_of_first(), 2.0);
+  options.exact_share = 1.0;
+  EXPECT_GT(lean_of_first(), 4.0);
+}
+
 TEST(FitPlanes, GivesClassesThatAreNotPlanarNone) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, false);

@@ -20,6 +20,8 @@ struct PlaneOptions {
   double layer_angle_deg = 10.0;
   double layer_sigmas = 4.0;
   double orientation_deg = 15.0;
+  double exact_deg = 3.0;
+  double exact_share = 0.9;
   int max_planes_per_cluster = 12;
   double min_cluster_share = 0.02;
 
