@@ -53,9 +53,14 @@ Views CollectViews(const MaskObservations& observations, const ConsensusOptions&
       views.segments_of_row[row].push_back({segment, weight});
       views.rows_of_segment[segment].push_back({row, weight});
     }
+    // Two keypoints of a frame may be in any order.
+    std::stable_sort(views.segments_of_row[row].begin(), views.segments_of_row[row].end(),
+                     [](const Weighted& a, const Weighted& b) { return a.id < b.id; });
   }
   return views;
 }
+
+using Flags = std::vector<char>;  // Faster to ask than bits.
 
 /// Points that each pair of frames has in common; of every k-th point only where there are so many
 /// that counting them all takes long.
@@ -78,9 +83,9 @@ std::vector<std::vector<float>> CountCommon(const Views& views) {
 
 /// For every frame, the frames it is compared with (itself included): those that see its points, or
 /// an even choice of max_partners among them, from the most points in common to the least.
-std::vector<std::vector<bool>> ChoosePartners(const Views& views, int max_partners) {
+std::vector<Flags> ChoosePartners(const Views& views, int max_partners) {
   const std::vector<std::vector<float>> common = CountCommon(views);
-  std::vector<std::vector<bool>> partners(views.num_frames, std::vector<bool>(views.num_frames));
+  std::vector<Flags> partners(views.num_frames, Flags(views.num_frames, 0));
   for (size_t f = 0; f < views.num_frames; ++f) {
     std::vector<size_t> others;
     for (size_t g = 0; g < views.num_frames; ++g) {
@@ -91,9 +96,9 @@ std::vector<std::vector<bool>> ChoosePartners(const Views& views, int max_partne
     const size_t count = std::min(others.size(), static_cast<size_t>(max_partners));
     for (size_t i = 0; i < count; ++i) {
       const size_t g = others[i * others.size() / count];
-      partners[f][g] = partners[g][f] = true;
+      partners[f][g] = partners[g][f] = 1;
     }
-    partners[f][f] = true;
+    partners[f][f] = 1;
   }
   return partners;
 }
@@ -123,14 +128,17 @@ class PairVotes {
   template <typename Visit>
   void ForEachPair(uint32_t a, uint32_t end, const Visit& visit) {
     const uint32_t frame_a = views_.frame_of_segment[a];
-    const std::vector<bool>& partners = partners_[frame_a];
+    const Flags& partners = partners_[frame_a];
     for (const Weighted& frame : visible_[a]) seen_[frame.id] = frame.weight;
     touched_.clear();
     for (const Weighted& row : views_.rows_of_segment[a]) {
-      for (const Weighted& b : views_.segments_of_row[row.id]) {
-        if (b.id <= a || b.id >= end || !partners[views_.frame_of_segment[b.id]]) continue;
-        touched_.push_back(b.id);
-        shared_[b.id] += row.weight * b.weight;
+      const WeightedList& segments = views_.segments_of_row[row.id];
+      auto b = std::upper_bound(segments.begin(), segments.end(), a,
+                                [](uint32_t id, const Weighted& w) { return id < w.id; });
+      for (; b != segments.end() && b->id < end; ++b) {
+        if (partners[views_.frame_of_segment[b->id]] == 0) continue;
+        touched_.push_back(b->id);
+        shared_[b->id] += row.weight * b->weight;
       }
     }
     for (const Weighted& b : seen_by_frame_[frame_a]) {
@@ -150,12 +158,12 @@ class PairVotes {
   /// The points of a segment that each partner of its frame sees, in whatever segment.
   [[nodiscard]] WeightedList CountVisible(uint32_t a) {
     const uint32_t frame_a = views_.frame_of_segment[a];
-    const std::vector<bool>& partners = partners_[frame_a];
+    const Flags& partners = partners_[frame_a];
     touched_.clear();
     for (const Weighted& row : views_.rows_of_segment[a]) {
       for (const Weighted& b : views_.segments_of_row[row.id]) {
         const uint32_t frame_b = views_.frame_of_segment[b.id];
-        if (!partners[frame_b] || (frame_b == frame_a && b.id != a)) continue;
+        if (partners[frame_b] == 0 || (frame_b == frame_a && b.id != a)) continue;
         if (seen_[frame_b] == 0.0F) touched_.push_back(frame_b);
         seen_[frame_b] += row.weight * b.weight;
       }
@@ -172,7 +180,7 @@ class PairVotes {
 
   Views views_;
   float disagreement_;
-  std::vector<std::vector<bool>> partners_;
+  std::vector<Flags> partners_;
   std::vector<WeightedList> visible_;        // Of each segment: the partners that see its points.
   std::vector<WeightedList> seen_by_frame_;  // The same by frame.
   // Scratch, zero between calls.
@@ -305,19 +313,39 @@ Roots ContractWindows(const MaskObservations& observations, uint32_t window, flo
   return roots;
 }
 
+/// The votes on each pair of windows' objects, those of their segments taken together.
+std::vector<std::map<uint32_t, float>> SumVotes(const Roots& roots, PairVotes& votes) {
+  const auto end = static_cast<uint32_t>(roots.size());
+  std::vector<std::vector<uint32_t>> members(roots.size());
+  for (uint32_t a = 0; a < end; ++a) members[roots[a]].push_back(a);
+  std::vector<std::map<uint32_t, float>> sums(roots.size());
+  std::vector<float> with(roots.size(), 0.0F);  // Of one object with each; zero in between.
+  std::vector<uint32_t> touched;
+  for (uint32_t root = 0; root < end; ++root) {
+    for (const uint32_t a : members[root]) {
+      votes.ForEachPair(a, end, [&](uint32_t b, float weight) {
+        if (with[roots[b]] == 0.0F) touched.push_back(roots[b]);
+        with[roots[b]] += weight;
+      });
+    }
+    for (const uint32_t other : touched) {
+      if (other != root && with[other] != 0.0F) {
+        sums[std::min(root, other)][std::max(root, other)] += with[other];
+      }
+      with[other] = 0.0F;
+    }
+    touched.clear();
+  }
+  return sums;
+}
+
 /// Contracts what the windows left, by the votes of all frames.
 void ContractAcrossWindows(float min_weight, PairVotes& votes, Roots& roots) {
-  std::vector<std::map<uint32_t, float>> edges(roots.size());
-  for (uint32_t a = 0; a < roots.size(); ++a) {
-    votes.ForEachPair(a, static_cast<uint32_t>(roots.size()), [&](uint32_t b, float weight) {
-      if (roots[a] == roots[b]) return;
-      edges[std::min(roots[a], roots[b])][std::max(roots[a], roots[b])] += weight;
-    });
-  }
+  std::vector<std::map<uint32_t, float>> sums = SumVotes(roots, votes);
   SignedGraph graph(roots.size());
-  for (uint32_t a = 0; a < edges.size(); ++a) {
-    for (const auto& [b, weight] : edges[a]) graph.AddEdge(a, b, weight);
-    edges[a].clear();
+  for (uint32_t a = 0; a < sums.size(); ++a) {
+    for (const auto& [b, weight] : sums[a]) graph.AddEdge(a, b, weight);
+    sums[a].clear();
   }
   ContractGreedily(min_weight, graph);
   for (uint32_t& root : roots) root = graph.Root(root);
