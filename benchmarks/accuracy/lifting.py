@@ -3,7 +3,7 @@
 
 The truth files only judge; they are never an input of s3-lift. Needs numpy and Pillow.
 
-  lifting.py --data DIR --bin DIR --output DIR [--parts redkitchen kitti07 synthetic cameras cost]
+  lifting.py --data DIR --bin DIR --output DIR [--parts redkitchen kitti07 synthetic cameras colmap]
              [--redkitchen-models DIR...] [--kitti-models DIR...]
 """
 import argparse
@@ -496,35 +496,36 @@ def run_cameras(arguments, results):
                     arguments.output / "lift", "--output", arguments.output / "refine")
 
 
-# ---- cost ------------------------------------------------------------------------------------------
+# ---- models that COLMAP made, through refinement too ------------------------------------------------
 
 
-def run_cost(arguments, results):
-    """Wall time of s3-lift over that of a program that only decodes the same masks, alternately, the
-    median of each; and the peak of its memory."""
-    folder = arguments.data / "redkitchen"
-    model = (arguments.redkitchen_models or [folder / "colmap_model"])[0]
-    images, _ = read_model(model)
-    masks = [folder / "panoptic_noisy" / ("frame-%06d.png" % frame_number(i[0]))
-             for i in images.values()]
-    list_file = arguments.output / "masks.txt"
-    list_file.write_text("".join(f"{m}\n" for m in masks))
-    times = {"decode": [], "lift": []}
-    for _ in range(arguments.repeats):
-        start = time.monotonic()
-        subprocess.run([arguments.bin / "s3-decode-masks", list_file], check=True,
-                       stdout=subprocess.DEVNULL)
-        times["decode"].append(time.monotonic() - start)
-        lifted, seconds = lift(arguments.bin / "s3-lift", model, folder / "panoptic_noisy",
-                               "coco.json", arguments.output / "lift", arguments.settings)
-        times["lift"].append(seconds)
-    decode, whole = np.median(times["decode"]), np.median(times["lift"])
-    report = json.loads((arguments.output / "lift" / "report.json").read_text())
-    print(f"\ncost: {len(masks)} masks decoded in {decode:.2f} s, s3-lift {whole:.2f} s "
-          f"({whole / decode:.2f} times), steps {report['seconds']}, "
-          f"{report['peak_memory_mib']:.0f} MiB")
-    results["cost"] = {"decode s": decode, "lift s": whole, "ratio": whole / decode,
-                       "steps": report["seconds"], "peak MiB": report["peak_memory_mib"]}
+def centre_rms(model, trajectory, rate_hz):
+    """Camera centres of a model against a trajectory after alignment, RMS [m]."""
+    centres, truth = camera_centres(read_model(model)[0], trajectory, rate_hz)
+    scale, turn, shift = align(truth, centres)
+    return float(np.sqrt(((scale * centres @ turn.T + shift - truth) ** 2).sum(1).mean()))
+
+
+def run_colmap_models(arguments, results):
+    """Stages 2 and 3 on the models beside the real sequences, which `colmap` reconstructed."""
+    print("\nmodels that colmap made, noisy masks: lifted and refined")
+    for name, classes, reference, rate_hz in (
+            ("redkitchen", "coco.json", "trajectory_colour_sfm.txt", 30.0),
+            ("kitti07", "cityscapes.json", "groundtruth.txt", None)):
+        folder = arguments.data / name
+        model, semantics = folder / "colmap_model", arguments.output / "lift"
+        refined = arguments.output / "refine"
+        lifted, _ = lift(arguments.bin / "s3-lift", model, folder / "panoptic_noisy", classes,
+                         semantics, arguments.settings)
+        run_program(arguments.bin / "s3-refine", "--model", model, "--semantics", semantics,
+                    "--output", refined)
+        trajectory = read_tum(folder / reference)
+        before, after = (centre_rms(m, trajectory, rate_hz) for m in (model, refined))
+        planes = json.loads((refined / "planes.json").read_text())["planes"]
+        results[f"colmap {name}"] = {"centres m before": before, "centres m after": after,
+                                     "clusters": len(lifted.clusters), "planes": len(planes)}
+        print(f"{name:<16}{len(lifted.clusters)} clusters, {len(planes)} planes, camera centres "
+              f"within {before:.4f} m before, {after:.4f} m after")
 
 
 def print_planes(measured):
@@ -555,7 +556,7 @@ def run_kitti_model(arguments, results, folder, model):
 
 
 PARTS = {"redkitchen": run_kitchen, "kitti07": run_kitti, "synthetic": run_synthetic,
-         "cameras": run_cameras, "cost": run_cost}
+         "cameras": run_cameras, "colmap": run_colmap_models}
 
 
 def main():
@@ -574,7 +575,6 @@ def main():
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
     parser.add_argument("--levels", nargs="+", type=float,
                         default=[0.0, 0.1, 0.15, 0.2, 0.3, 0.4])
-    parser.add_argument("--repeats", type=int, default=5, help="of the timing")
     parser.add_argument("--set", action="append", default=[], dest="settings",
                         metavar="KEY.PATH=VALUE", help="for s3-lift, on top of every arm")
     arguments = parser.parse_args()
