@@ -320,6 +320,7 @@ def road_measures(lifted, images, points, trajectory):
 ARMS = {
     "default": [],
     "iou": ["instances=iou"],
+    "iou, reprojection": ["instances=iou", "clusters.merge=reprojection"],
     "consensus": ["instances=consensus"],
     "paper's Bayes": ["fusion.use_scores=false", "fusion.drop_border=false", "fusion.tempering=0"],
     "majority": ["fusion.method=majority"],

@@ -4,12 +4,15 @@
 #include <bit>
 #include <cstring>
 #include <optional>
+#include <string_view>
 #include <utility>
 
 namespace s3lam {
 namespace {
 
 using Key = std::pair<int, int32_t>;  // Class index and instance.
+
+constexpr std::array<std::string_view, 2> kMergeNames = {"descriptors", "reprojection"};
 
 /// The instance with most votes; the lower one of equals; kNoInstance without any.
 int32_t MostVoted(const std::map<int32_t, int>& votes) {
@@ -134,12 +137,19 @@ void MergeSorted(const std::vector<T>& from, std::vector<T>& into) {
 
 void ClusterOptions::Visit(OptionVisitor& v) {
   v.Value("min_points", min_points, "Smaller clusters are dropped.", 1);
+  v.Choice("merge", merge, kMergeNames,
+           "How clusters that show one object twice are recognised: by the descriptors of their "
+           "points, or by the segments their points fall into.");
   v.Value("merge_distance", merge_distance,
           "Clusters of one object have centroids closer than this [median depths].", 0.0);
   v.Value("min_matched_descriptors", min_matched_descriptors,
           "... and more than this share of their descriptors in common.", 0.0, 1.0);
   v.Value("max_descriptor_distance", max_descriptor_distance,
           "Largest Hamming distance of matching descriptors [bits].", 0, 256);
+  v.Value("min_reprojected", min_reprojected,
+          "With merge = reprojection, more than this share of the points of one cluster fall into "
+          "segments of the other.",
+          0.0, 1.0);
 }
 
 std::vector<Cluster> ClusterByClassAndInstance(const MaskObservations& observations,
@@ -188,6 +198,11 @@ std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
   return CollectClusters(observations, key_of_row, key_of_segment);
 }
 
+void MergeInto(const Cluster& from, Cluster& into) {
+  MergeSorted(from.points, into.points);
+  MergeSorted(from.segments, into.segments);
+}
+
 int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint& descriptors,
                   double median_depth, const ClusterOptions& options,
                   std::vector<Cluster>& clusters) {
@@ -207,8 +222,7 @@ int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint
         ++b;
         continue;
       }
-      MergeSorted(clusters[b].points, clusters[a].points);
-      MergeSorted(clusters[b].segments, clusters[a].segments);
+      MergeInto(clusters[b], clusters[a]);
       clusters.erase(clusters.begin() + static_cast<std::ptrdiff_t>(b));
       ++num_merges;
       b = a + 1;  // The grown cluster may now match one passed over.

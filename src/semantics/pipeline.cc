@@ -153,8 +153,11 @@ LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable&
     const ScopedStep step(times, "instances");
     std::vector<Cluster> clusters =
         FindClusters(observations, map.distributions, class_table, options);
-    result.report.num_merges = MergeClusters(
-        reconstruction, descriptors, MedianDepth(reconstruction), options.clusters, clusters);
+    result.report.num_merges =
+        options.clusters.merge == MergeMethod::kReprojection
+            ? MergeByReprojection(observations, options.clusters, clusters)
+            : MergeClusters(reconstruction, descriptors, MedianDepth(reconstruction),
+                            options.clusters, clusters);
     AddClusters(reconstruction, std::move(clusters), options.clusters, map);
   }
   {

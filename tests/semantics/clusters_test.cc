@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <vector>
 
 #include "semantics/semantics_fixture.h"
@@ -126,6 +127,46 @@ TEST(MergeClusters, KeepsWhatDiffersOrLiesApart) {
   TwoClusters no_descriptors(0.05, 10);
   no_descriptors.descriptors.clear();
   EXPECT_EQ(no_descriptors.Merge(), 0);
+}
+
+/// An object seen in frame 0, and in frame 1 as one of two segments of its class. `inside` of its
+/// ten points of frame 0 fall into the right one there, the others into the other.
+std::vector<Cluster> SeenTwice(int inside, ObservationBuilder& builder) {
+  const std::array<int32_t, 3> segments = {builder.AddSegment(0, 1), builder.AddSegment(1, 1),
+                                           builder.AddSegment(1, 1)};
+  std::vector<Cluster> clusters(3);
+  for (size_t k = 0; k < 3; ++k) {
+    clusters[k].class_index = 1;
+    clusters[k].segments = {builder.result().segments[static_cast<size_t>(segments[k])].ref};
+    for (int i = 0; i < 10; ++i) {
+      std::vector<int32_t> seen_in = {segments[k]};
+      if (k == 0) seen_in.push_back(segments[i < inside ? 1 : 2]);
+      const uint32_t row = builder.AddPoint(seen_in);
+      if (k == 0) builder.result().observations.back().predicted = true;
+      clusters[k].points.push_back(builder.result().points[row]);
+    }
+  }
+  return clusters;
+}
+
+TEST(MergeByReprojection, JoinsWhatFallsIntoTheSegmentsOfAnother) {
+  ObservationBuilder builder;
+  std::vector<Cluster> clusters = SeenTwice(9, builder);
+  EXPECT_EQ(MergeByReprojection(builder.result(), ClusterOptions{}, clusters), 1);
+  ASSERT_EQ(clusters.size(), 2U);
+  EXPECT_EQ(clusters[0].points.size(), 20U);
+  EXPECT_EQ(clusters[0].segments.size(), 2U);
+  EXPECT_EQ(clusters[1].points.size(), 10U);
+}
+
+TEST(MergeByReprojection, KeepsWhatFallsElsewhere) {
+  ObservationBuilder spread;
+  std::vector<Cluster> clusters = SeenTwice(8, spread);  // 80 % is not more than 80 %.
+  EXPECT_EQ(MergeByReprojection(spread.result(), ClusterOptions{}, clusters), 0);
+  ObservationBuilder other_class;
+  clusters = SeenTwice(10, other_class);
+  clusters[0].class_index = 0;
+  EXPECT_EQ(MergeByReprojection(other_class.result(), ClusterOptions{}, clusters), 0);
 }
 
 TEST(AddClusters, DropsSmallOnesAndNumbersTheRest) {

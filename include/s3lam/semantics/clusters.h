@@ -16,11 +16,16 @@ namespace s3lam {
 /// One binary descriptor per point, as stage 1 writes them.
 using DescriptorsByPoint = std::map<PointId, std::array<uint8_t, 32>>;
 
+/// How clusters that show one object twice are recognised: both are the paper's.
+enum class MergeMethod { kDescriptors, kReprojection };
+
 struct ClusterOptions {
   int min_points = 5;
+  MergeMethod merge = MergeMethod::kDescriptors;
   double merge_distance = 0.1;
   double min_matched_descriptors = 0.8;
   int max_descriptor_distance = 50;
+  double min_reprojected = 0.8;
 
   void Visit(OptionVisitor& v);
 };
@@ -45,6 +50,15 @@ std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
 int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint& descriptors,
                   double median_depth, const ClusterOptions& options,
                   std::vector<Cluster>& clusters);
+
+/// The same by where the points of one cluster fall in the frames that show the other: more than
+/// min_reprojected of their pixels (predicted ones included, see VisibilityPredictor) lie in its
+/// segments.
+int MergeByReprojection(const MaskObservations& observations, const ClusterOptions& options,
+                        std::vector<Cluster>& clusters);
+
+/// Adds points and segments of one cluster to another.
+void MergeInto(const Cluster& from, Cluster& into);
 
 /// Drops clusters below min_points, computes centroids, numbers the rest from 0 and enters them
 /// into the map (points and distributions of which are already there).
