@@ -18,6 +18,8 @@ import subprocess
 import sys
 import time
 
+from planes import rotate
+
 KEYPOINT = struct.Struct("<ddq")
 
 
@@ -60,16 +62,6 @@ def read_poses(path):
         turned = rotate((qw, -qx, -qy, -qz), (x, y, z))
         poses.append((t, (qw, -qx, -qy, -qz, *(-c for c in turned))))
     return poses
-
-
-def rotate(q, v):
-    w, axis = q[0], q[1:]
-    t = [2 * c for c in cross(axis, v)]
-    return [a + w * b + c for a, b, c in zip(v, t, cross(axis, t))]
-
-
-def cross(a, b):
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def make_model(slam, mask_names, every, output):
