@@ -45,7 +45,8 @@ struct ConsensusOptions {
 /// for one object, points that they put elsewhere against it; two segments of one frame speak
 /// against each other with all their points. The objects are the parts of that signed graph, found
 /// by joining the most agreed pair again and again, votes adding up. So a segment that merges two
-/// objects, splits one or misses one is outvoted. Neither order nor class of the segments matters.
+/// objects, splits one or misses one is outvoted. Neither order nor class of the segments matters,
+/// but that runs of `window` frames are joined among themselves before all are.
 /// (View consensus as in MaskClustering, CVPR 2024, with point tracks in place of depth, and
 /// correlation clustering in place of thresholds.)
 InstanceAssignment ClusterByConsensus(const MaskObservations& observations,
