@@ -38,7 +38,9 @@ constexpr const char* kDescription =
     "                    all means bundle adjustment without planes\n"
     "       --constant   {\"images\": [\"name\", ...], \"points\": [id, ...]}, \"all\" for a list: "
     "what\n"
-    "                    stays as it is\n"
+    "                    stays as it is; \"plane_distances\": [{\"planes\": [id, id],\n"
+    "                    \"distance\": d, \"sigma\": s}, ...]: parallel planes so far apart [map "
+    "units]\n"
     "       --pose-priors  lines 't tx ty tz qx qy qz qw sigma_position sigma_rotation' in the\n"
     "                    model's world (world_from_camera; map units, degrees; 0: not known), an\n"
     "                    image's name in the place of the time t if there is no keyframes.txt\n"
@@ -194,7 +196,7 @@ int main(int argc, char** argv) {
   add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model to refine");
   add("semantics", po::value<std::string>()->value_name("DIR"), "what s3-lift wrote for it");
   add("constant", po::value<std::string>()->value_name("FILE"),
-      "JSON: images and points that stay as they are");
+      "JSON: images and points that stay as they are, known distances of planes");
   add("pose-priors", po::value<std::string>()->value_name("FILE"),
       "poses known beforehand (TUM with two sigmas)");
   add("covariance", "write covariance.json: short for --set covariance.enabled=true");

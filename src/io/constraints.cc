@@ -61,6 +61,24 @@ void ReadConstantPoints(const JsonFields& fields, const Reconstruction& model,
   }
 }
 
+void ReadPlaneDistances(const JsonFields& fields, Constraints& constraints) {
+  for (const json& entry : fields.List("plane_distances")) {
+    const JsonFields of_pair(entry, fields.where() + ": plane_distances");
+    const json& planes = of_pair.List("planes");
+    if (planes.size() != 2) ThrowInputError("{}: 'planes' needs two ids", of_pair.where());
+    PlaneDistance known;
+    known.a = PlaneId(of_pair.AsInteger<uint32_t>(planes[0], "planes"));
+    known.b = PlaneId(of_pair.AsInteger<uint32_t>(planes[1], "planes"));
+    known.distance = of_pair.Number("distance");
+    known.sigma = of_pair.Number("sigma");
+    if (known.a == known.b || known.distance <= 0.0 || known.sigma <= 0.0) {
+      ThrowInputError("{}: planes {} and {}: two planes, a distance and a sigma above 0 are needed",
+                      of_pair.where(), known.a.value(), known.b.value());
+    }
+    constraints.plane_distances.push_back(known);
+  }
+}
+
 ImageId FindImage(std::string_view word, const std::map<std::string, ImageId, std::less<>>& by_name,
                   const Reconstruction& model, const std::vector<double>& times,
                   const LineParser& parser) {
@@ -109,12 +127,14 @@ void ReadConstantParts(const std::filesystem::path& path, const Reconstruction& 
   const json document = ReadJson(path);
   const JsonFields fields(document, path.string());
   for (const auto& [key, value] : document.items()) {
-    if (key != "images" && key != "points") {
-      ThrowInputError("{}: unknown key '{}': there are 'images' and 'points'", fields.where(), key);
+    if (key != "images" && key != "points" && key != "plane_distances") {
+      ThrowInputError("{}: unknown key '{}': there are 'images', 'points' and 'plane_distances'",
+                      fields.where(), key);
     }
   }
   if (fields.Has("images")) ReadConstantImages(fields, model, constraints);
   if (fields.Has("points")) ReadConstantPoints(fields, model, constraints);
+  if (fields.Has("plane_distances")) ReadPlaneDistances(fields, constraints);
 }
 
 void ReadPosePriors(std::istream& stream, const std::string& source, const Reconstruction& model,

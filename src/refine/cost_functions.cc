@@ -153,8 +153,8 @@ bool OrthogonalPlanesCost::Evaluate(double const* const* parameters, double* res
 }
 
 PlanesMeetCost::PlanesMeetCost(const Eigen::Vector3d& arm_a, const Eigen::Vector3d& arm_b,
-                               bool opposite, double sigma)
-    : scale_a_(1.0 / sigma), scale_b_((opposite ? 1.0 : -1.0) / sigma) {
+                               bool opposite, double step, double sigma)
+    : scale_a_(1.0 / sigma), scale_b_((opposite ? 1.0 : -1.0) / sigma), scaled_step_(step / sigma) {
   S3LAM_CHECK(sigma > 0.0);
   scaled_arm_a_ = arm_a * scale_a_;
   scaled_arm_b_ = arm_b * scale_b_;
@@ -165,7 +165,7 @@ bool PlanesMeetCost::Evaluate(double const* const* parameters, double* residuals
   const Vector3Map a(parameters[0]);
   const Vector3Map b(parameters[1]);
   residuals[0] = a.dot(scaled_arm_a_) + parameters[0][3] * scale_a_ + b.dot(scaled_arm_b_) +
-                 parameters[1][3] * scale_b_;
+                 parameters[1][3] * scale_b_ - scaled_step_;
   if (jacobians == nullptr) return true;
   if (jacobians[0] != nullptr) Eigen::Map<Eigen::Vector4d>{jacobians[0]} << scaled_arm_a_, scale_a_;
   if (jacobians[1] != nullptr) Eigen::Map<Eigen::Vector4d>{jacobians[1]} << scaled_arm_b_, scale_b_;

@@ -269,6 +269,8 @@ Report Run(const Options& given, const Input& input, Output& output) {
   {
     const ScopedStep step(report.seconds, "planar");
     CutBendingPlanes(options.bending, input.semantics.class_table, sigma_px, planes, map.problem);
+    AddKnownDistances(options.relations, input.constraints.plane_distances, input.semantics, planes,
+                      map.problem);
     const auto planar = AdjustPlanar(options, input.semantics, planes, map, report.ground);
     report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
     if (!planar.empty()) arms.push_back(Snapshot("planar", map));

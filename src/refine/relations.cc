@@ -7,6 +7,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
 #include "s3lam/base/statistics.h"
 #include "s3lam/robust/plane_fit.h"
 
@@ -15,6 +17,8 @@ namespace {
 
 constexpr double kRadians = std::numbers::pi / 180.0;
 constexpr double kGateSigmas = 3.0;
+/// Planes said to be parallel may look so far from it in a map before its adjustment [deg].
+constexpr double kMaxKnownAngleDeg = 20.0;
 
 /// What the points say of a plane, without the plane's pull on them.
 struct Evidence {
@@ -82,7 +86,7 @@ class Proposer {
   }
 
   void Consider(size_t a, size_t b, std::vector<int>& parallel, std::vector<int>& orthogonal) {
-    if (IsRefused(a, b)) return;
+    if (IsRefused(a, b) || HasKnownDistance(static_cast<int>(a), static_cast<int>(b))) return;
     const Evidence& ea = evidence_[a];
     const Evidence& eb = evidence_[b];
     const double angle = PlaneAngle(ea.plane, eb.plane);
@@ -119,12 +123,18 @@ class Proposer {
     const double uncertainty =
         std::hypot(std::hypot(ea.sigma_offset, eb.sigma_offset),
                    half_distance * std::hypot(ea.sigma_normal, eb.sigma_normal));
-    const double sign = ea.plane.normal.dot(eb.plane.normal) < 0.0 ? -1.0 : 1.0;
-    const double step = std::abs(ea.plane.SignedDistance(term.place_in_world) -
-                                 sign * eb.plane.SignedDistance(term.place_in_world));
+    const double step = std::abs(StepBetween(ea.plane, eb.plane, term.place_in_world));
     // The planes must tell a step of a point's own sigma, else anything would pass for coplanar.
     return uncertainty <= term.sigma_offset &&
            step <= options_.max_offset_sigma * std::hypot(uncertainty, term.sigma_offset / 3.0);
+  }
+
+  [[nodiscard]] bool HasKnownDistance(int a, int b) const {
+    return std::any_of(problem_.relations.begin(), problem_.relations.end(),
+                       [&](const RelationTerm& term) {
+                         return term.relation == PlaneRelation::kAtDistance &&
+                                std::minmax(term.plane_a, term.plane_b) == std::minmax(a, b);
+                       });
   }
 
   [[nodiscard]] bool IsRefused(size_t a, size_t b) const {
@@ -160,6 +170,48 @@ void RelationOptions::Visit(OptionVisitor& v) {
           1e6);
   v.Value("max_partners", max_partners, "most relations of a kind per plane", 0, 1000);
   v.Value("refused", refused, "pairs of classes without relations, as \"class|class\"");
+}
+
+double StepBetween(const Plane& a, const Plane& b, const Eigen::Vector3d& place_in_world) {
+  const double sign = a.normal.dot(b.normal) < 0.0 ? -1.0 : 1.0;
+  return a.SignedDistance(place_in_world) - sign * b.SignedDistance(place_in_world);
+}
+
+void AddKnownDistances(const RelationOptions& options, const std::vector<PlaneDistance>& distances,
+                       const SemanticMap& semantics, const PlaneModel& model,
+                       BundleProblem& problem) {
+  const auto index_of = [&](PlaneId id) {
+    if (!semantics.planes.contains(id)) {
+      ThrowInputError("plane_distances: the semantic map has no plane {}", id.value());
+    }
+    const auto it = std::find_if(model.planes.begin(), model.planes.end(),
+                                 [&](const auto& plane) { return plane.id == id && plane.in_use; });
+    return it == model.planes.end() ? -1 : static_cast<int>(it - model.planes.begin());
+  };
+  for (const PlaneDistance& known : distances) {
+    RelationTerm term;
+    term.relation = PlaneRelation::kAtDistance;
+    term.plane_a = index_of(known.a);
+    term.plane_b = index_of(known.b);
+    if (term.plane_a < 0 || term.plane_b < 0) {
+      spdlog::warn("the distance of planes {} and {} is not used: too few points are on them",
+                   known.a.value(), known.b.value());
+      continue;
+    }
+    const AnchoredPlane& a = problem.planes[term.plane_a];
+    const AnchoredPlane& b = problem.planes[term.plane_b];
+    const double angle = PlaneAngle(a.PlaneInWorld(), b.PlaneInWorld()) / kRadians;
+    if (angle > kMaxKnownAngleDeg) {
+      ThrowInputError("plane_distances: planes {} and {} are not parallel but at {:.1f} deg",
+                      known.a.value(), known.b.value(), angle);
+    }
+    term.sigma_rad = options.sigma_deg * kRadians;
+    term.sigma_offset = known.sigma;
+    term.place_in_world = 0.5 * (a.anchor_in_world + b.anchor_in_world);
+    const double step = StepBetween(a.PlaneInWorld(), b.PlaneInWorld(), term.place_in_world);
+    term.distance = std::copysign(known.distance, step);
+    problem.relations.push_back(term);
+  }
 }
 
 std::vector<RelationTerm> ProposeRelations(const RelationOptions& options,

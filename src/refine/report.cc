@@ -9,6 +9,7 @@
 
 #include "s3lam/base/statistics.h"
 #include "s3lam/refine/projection.h"
+#include "s3lam/refine/relations.h"
 #include "s3lam/robust/plane_fit.h"
 
 namespace s3lam {
@@ -159,6 +160,22 @@ void ReportPairs(const PlaneModel& model, const BundleProblem& problem, const Fi
   }
 }
 
+void ReportDistances(const PlaneModel& model, const BundleProblem& problem, const Fits& fits,
+                     RefineReport& report) {
+  for (const RelationTerm& term : problem.relations) {
+    if (term.relation != PlaneRelation::kAtDistance) continue;
+    PlaneDistanceReport pair{
+        model.planes[term.plane_a].id, model.planes[term.plane_b].id, std::abs(term.distance), {}};
+    const auto& a = fits[term.plane_a];
+    const auto& b = fits[term.plane_b];
+    for (size_t arm = 0; arm < std::min(a.size(), b.size()); ++arm) {
+      pair.measured.push_back(
+          std::abs(StepBetween(a[arm].plane, b[arm].plane, term.place_in_world)));
+    }
+    if (pair.measured.size() == report.arms.size()) report.distances.push_back(std::move(pair));
+  }
+}
+
 }  // namespace
 
 void CompareArms(const std::vector<ArmState>& states, const BundleMap& map, const PlaneModel& model,
@@ -185,6 +202,7 @@ void CompareArms(const std::vector<ArmState>& states, const BundleMap& map, cons
   }
   ReportPlanes(model, classes, fits, report);
   ReportPairs(model, map.problem, fits, report);
+  ReportDistances(model, map.problem, fits, report);
 }
 
 }  // namespace s3lam

@@ -17,6 +17,8 @@ const char* RelationName(PlaneRelation relation) {
       return "orthogonal";
     case PlaneRelation::kCoplanar:
       return "coplanar";
+    case PlaneRelation::kAtDistance:
+      return "at_distance";
     case PlaneRelation::kMeeting:
       return "meeting";
   }
@@ -72,6 +74,17 @@ json PairsToJson(const RefineReport& report) {
                      {"deviation_deg", pair.deviation_deg}});
   }
   return pairs;
+}
+
+json DistancesToJson(const RefineReport& report) {
+  json distances = json::array();
+  for (const PlaneDistanceReport& pair : report.distances) {
+    distances.push_back({{"a", pair.a.value()},
+                         {"b", pair.b.value()},
+                         {"known", pair.known},
+                         {"measured", pair.measured}});
+  }
+  return distances;
 }
 
 /// Median over the pairs of one kind of the deviation in one arm; negative without pairs.
@@ -174,6 +187,7 @@ json ToJson(const RefineReport& report) {
       {"arms", arms},
       {"planes", PlanesToJson(report)},
       {"plane_pairs", PairsToJson(report)},
+      {"plane_distances", DistancesToJson(report)},
       {"iterations", iterations},
       {"seconds", report.seconds},
       {"peak_memory_mib", report.peak_memory_mib}};
@@ -203,6 +217,11 @@ std::string ToTable(const RefineReport& report) {
         std::pair(PlaneRelation::kOrthogonal, "orthogonal planes, off by [deg]")}) {
     if (n == 0 || MedianDeviation(report, relation, 0) < 0.0) continue;
     text += Row(name, n, [&, r = relation](size_t i) { return MedianDeviation(report, r, i); });
+  }
+  for (const PlaneDistanceReport& pair : report.distances) {
+    text += Row(fmt::format("planes {} and {}, known as {:.4g}", pair.a.value(), pair.b.value(),
+                            pair.known),
+                n, [&](size_t i) { return pair.measured[i]; });
   }
   text += Row("cameras moved, median [map units]", n,
               [&](size_t i) { return arms[i].pose_moved_median; });

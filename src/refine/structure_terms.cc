@@ -26,7 +26,7 @@ void AddRelation(const BundleProblem& problem, const RelationTerm& term,
   const bool opposite = a.parameters.head<3>().dot(b.parameters.head<3>()) < 0.0;
   add(std::make_unique<PlanesMeetCost>(term.place_in_world - a.anchor_in_world,
                                        term.place_in_world - b.anchor_in_world, opposite,
-                                       term.sigma_offset));
+                                       term.distance, term.sigma_offset));
 }
 
 }  // namespace

@@ -41,6 +41,27 @@ TEST(ConstantParts, AreFoundByNameAndId) {
   EXPECT_TRUE(ReadConstant("{}", model).constant_images.empty());
 }
 
+TEST(ConstantParts, DistancesOfPlanes) {
+  const Constraints constraints = ReadConstant(
+      R"({"plane_distances": [{"planes": [3, 7], "distance": 0.74, "sigma": 0.002}]})", Model());
+  ASSERT_EQ(constraints.plane_distances.size(), 1u);
+  const PlaneDistance& known = constraints.plane_distances.front();
+  EXPECT_EQ(known.a, PlaneId(3));
+  EXPECT_EQ(known.b, PlaneId(7));
+  EXPECT_EQ(known.distance, 0.74);
+  EXPECT_EQ(known.sigma, 0.002);
+  for (const char* pair : {R"({"planes": [3], "distance": 1, "sigma": 1})",
+                           R"({"planes": [3, 3], "distance": 1, "sigma": 1})",
+                           R"({"planes": [3, 7], "distance": -1, "sigma": 1})",
+                           R"({"planes": [3, 7], "distance": 1, "sigma": 0})",
+                           R"({"planes": [3, -7], "distance": 1, "sigma": 1})",
+                           R"({"planes": [3, 7], "distance": 1})"}) {
+    EXPECT_THROW(ReadConstant(fmt::format(R"({{"plane_distances": [{}]}})", pair), Model()),
+                 InputError)
+        << pair;
+  }
+}
+
 TEST(ConstantParts, WhatTheModelDoesNotHaveIsNamed) {
   const Reconstruction model = Model();
   const auto expect_error = [&](const std::string& text, const std::string& message) {

@@ -239,7 +239,7 @@ TEST(PlaneRelationCosts, Gradients) {
     ExpectGradient(ParallelPlanesCost(0.02), blocks, {&manifold, &manifold});
     ExpectGradient(OrthogonalPlanesCost(0.02), blocks, {&manifold, &manifold});
     for (const bool opposite : {false, true}) {
-      ExpectGradient(PlanesMeetCost({1.0, 2.0, 3.0}, {-2.0, 0.5, 1.0}, opposite, 0.1), blocks,
+      ExpectGradient(PlanesMeetCost({1.0, 2.0, 3.0}, {-2.0, 0.5, 1.0}, opposite, 0.3, 0.1), blocks,
                      {&manifold, &manifold});
     }
   }
@@ -252,7 +252,7 @@ TEST(PlaneRelationCosts, VanishForTheRelation) {
   EXPECT_EQ(Eigen::Vector3d(residuals).norm(), 0.0);
   // Anchored at heights 2 and 0.5, plane a is z = 2 - 0.5 and plane b, seen from the other side,
   // z = 0.5 + 1: at the height of 4 both distances are 2.5.
-  ASSERT_TRUE(PlanesMeetCost({7.0, 1.0, 4.0 - 2.0}, {-3.0, 4.0, 4.0 - 0.5}, true, 0.1)
+  ASSERT_TRUE(PlanesMeetCost({7.0, 1.0, 4.0 - 2.0}, {-3.0, 4.0, 4.0 - 0.5}, true, 0.0, 0.1)
                   .Evaluate(Pointers(blocks).data(), residuals, nullptr));
   EXPECT_NEAR(residuals[0], 0.0, 1e-14);
   const Vectors crossed{{0.0, 0.0, 1.0, 0.5}, {0.6, 0.8, 0.0, 1.0}};

@@ -364,6 +364,63 @@ TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
   }
 }
 
+/// The two largest parallel planes of the map whose distance is not small.
+std::pair<PlaneId, PlaneId> ParallelPair(const SyntheticMap& map) {
+  std::pair<PlaneId, PlaneId> best;
+  size_t most = 0;
+  for (const auto& [a, surface_a] : map.semantics.planes) {
+    for (const auto& [b, surface_b] : map.semantics.planes) {
+      const Plane& plane_a = map.true_planes.at(a);
+      const Plane& plane_b = map.true_planes.at(b);
+      if (b <= a || PlaneAngle(plane_a, plane_b) > 1e-6) continue;
+      if (std::abs(StepBetween(plane_a, plane_b, Eigen::Vector3d::Zero())) < 0.1) continue;
+      const size_t points = std::min(surface_a.inliers.size(), surface_b.inliers.size());
+      if (points <= most) continue;
+      most = points;
+      best = {a, b};
+    }
+  }
+  return best;
+}
+
+TEST(RefineRelations, PlanesKeepTheDistanceThatIsKnown) {
+  const SyntheticMap map = MakeDeskMap();
+  const auto [a, b] = ParallelPair(map);
+  ASSERT_TRUE(a.valid());
+  const double truth =
+      std::abs(StepBetween(map.true_planes.at(a), map.true_planes.at(b), Eigen::Vector3d::Zero()));
+  for (const double factor : {1.0, 1.02}) {  // What is said is done, true or not.
+    Input input = MakeInput(map);
+    input.constraints.plane_distances = {{a, b, factor * truth, 1e-5 * truth}};
+    Output output;
+    const Report report = refine::Run(Options(), input, output);
+    ASSERT_EQ(report.distances.size(), 1u);
+    EXPECT_EQ(report.distances[0].known, factor * truth);
+    ASSERT_EQ(report.distances[0].measured.size(), report.arms.size());
+    const Plane& plane_a = output.semantics.planes.at(a).plane_in_world;
+    const Plane& plane_b = output.semantics.planes.at(b).plane_in_world;
+    EXPECT_NEAR(report.distances[0].measured.back(), factor * truth, 0.01 * truth);
+    EXPECT_LT(PlaneAngle(plane_a, plane_b), 0.01);
+  }
+}
+
+TEST(RefineRelations, DistancesOfPlanesThatCannotHaveOneAreRefused) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
+  Output output;
+  input.constraints.plane_distances = {{PlaneId(0), PlaneId(987), 1.0, 0.01}};
+  EXPECT_THROW(refine::Run(Options(), input, output), InputError);
+  for (const auto& [a, plane_a] : map.true_planes) {
+    for (const auto& [b, plane_b] : map.true_planes) {
+      if (PlaneAngle(plane_a, plane_b) < 1.0) continue;
+      input.constraints.plane_distances = {{a, b, 1.0, 0.01}};
+      EXPECT_THROW(refine::Run(Options(), input, output), InputError);
+      return;
+    }
+  }
+  FAIL() << "no planes at an angle";
+}
+
 // ---- degenerate input: a clear error or a sound result ----
 
 TEST(RefineBadInput, NoImagesOrNoPointsOrOneImage) {

@@ -11,8 +11,11 @@
 namespace s3lam {
 
 /// {"images": ["name", ...], "points": [id, ...]}: what stays as it is; "all" in the place of a
-/// list means every image, every point. Either may be left out. Throws InputError naming the file
-/// for unknown keys and for images and points that the model does not have.
+/// list means every image, every point. And {"plane_distances": [{"planes": [id, id], "distance":
+/// d, "sigma": s}, ...]}: parallel planes, by their ids in the semantic map, that are known to be d
+/// apart [map units]. Each may be left out. Throws InputError naming the file for unknown keys, for
+/// images and points that the model does not have, and for distances and sigmas that are not
+/// positive.
 void ReadConstantParts(const std::filesystem::path& path, const Reconstruction& model,
                        Constraints& constraints);
 

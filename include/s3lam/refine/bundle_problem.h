@@ -57,11 +57,12 @@ enum class PlaneRelation {
   kParallel,
   kOrthogonal,
   kCoplanar,
-  kMeeting,  // Nearly parallel and without a step between them: pieces of a bending ground.
+  kAtDistance,  // Parallel, and known to be so far apart.
+  kMeeting,     // Nearly parallel and without a step between them: pieces of a bending ground.
 };
 
-/// Two planes stand in a relation, up to sigma_rad and, for coplanar and meeting ones, up to
-/// sigma_offset [map units] at a place.
+/// Two planes stand in a relation, up to sigma_rad and, for all but parallel and orthogonal ones,
+/// up to sigma_offset [map units] at a place.
 struct RelationTerm {
   PlaneRelation relation = PlaneRelation::kParallel;
   int plane_a = 0;
@@ -69,6 +70,7 @@ struct RelationTerm {
   double sigma_rad = 0.01;
   double sigma_offset = 1.0;
   Eigen::Vector3d place_in_world = Eigen::Vector3d::Zero();
+  double distance = 0.0;  // Of plane a behind plane b, seen along a's normal [map units].
 };
 
 /// What holds the seven freedoms of the world frame: a constant pose (six) and a second camera

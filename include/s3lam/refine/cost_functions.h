@@ -98,14 +98,15 @@ class OrthogonalPlanesCost : public ceres::SizedCostFunction<1, 4, 4> {
   double inverse_sigma_;
 };
 
-/// Two planes meet at a place: with d the signed distance to a plane and s = +1 or -1 for normals
-/// to the same or to opposite sides, r = (d_a(x) - s d_b(x)) / sigma. With ParallelPlanesCost the
-/// two are the same plane. Blocks: plane a (4), plane b (4).
+/// Two planes meet, or are a step apart, at a place: with d the signed distance to a plane and s =
+/// +1 or -1 for normals to the same or to opposite sides, r = (d_a(x) - s d_b(x) - step) / sigma.
+/// With ParallelPlanesCost the two are the same plane, or parallel ones at a distance. Blocks:
+/// plane a (4), plane b (4).
 class PlanesMeetCost : public ceres::SizedCostFunction<1, 4, 4> {
  public:
-  /// The place relative to either plane's anchor; sigma in map units.
+  /// The place relative to either plane's anchor; step and sigma in map units.
   PlanesMeetCost(const Eigen::Vector3d& arm_a, const Eigen::Vector3d& arm_b, bool opposite,
-                 double sigma);
+                 double step, double sigma);
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override;
@@ -115,6 +116,7 @@ class PlanesMeetCost : public ceres::SizedCostFunction<1, 4, 4> {
   Eigen::Vector3d scaled_arm_b_;  // With the sign s and divided by sigma.
   double scale_a_;
   double scale_b_;
+  double scaled_step_;
 };
 
 }  // namespace s3lam

@@ -5,6 +5,7 @@
 
 #include "s3lam/base/options.h"
 #include "s3lam/refine/plane_model.h"
+#include "s3lam/scene/constraints.h"
 #include "s3lam/scene/semantic_map.h"
 
 namespace s3lam {
@@ -23,13 +24,25 @@ struct RelationOptions {
   void Visit(OptionVisitor& v);
 };
 
+/// How far plane a is behind plane b at a place, seen along a's normal, if they are parallel.
+double StepBetween(const Plane& a, const Plane& b, const Eigen::Vector3d& place_in_world);
+
+/// Ties planes whose distance is known to it, and to being parallel up to sigma_deg, whatever the
+/// options say of relations that are proposed. Throws InputError for planes that the semantic map
+/// does not have or that are far from parallel; warns of planes that have too few points to be
+/// used.
+void AddKnownDistances(const RelationOptions& options, const std::vector<PlaneDistance>& distances,
+                       const SemanticMap& semantics, const PlaneModel& model,
+                       BundleProblem& problem);
+
 /// Relations between the planes in use (those of the ground apart), on evidence:
 ///   parallel    within max_parallel_deg and three sigmas of the two normals,
 ///   orthogonal  within max_orthogonal_deg, closer than for parallel ones because chance brings two
 ///               planes near to a right angle far more often than near to parallel,
 ///   coplanar    parallel, of one class, and without a step between them beyond max_offset_sigma of
 ///               their own uncertainty.
-/// A normal less certain than max_normal_sigma_deg says nothing. Every plane gets at most
+/// A normal less certain than max_normal_sigma_deg says nothing, and nothing is proposed for planes
+/// whose distance is known. Every plane gets at most
 /// max_partners relations of a kind, with the planes that have the most points. Terms are ordered
 /// by planes and robust in the solve.
 std::vector<RelationTerm> ProposeRelations(const RelationOptions& options,

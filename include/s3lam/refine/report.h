@@ -44,6 +44,13 @@ struct PlanePairReport {
   std::vector<double> deviation_deg;  // Per arm, of the planes fitted to the members.
 };
 
+/// Two parallel planes whose distance is known.
+struct PlaneDistanceReport {
+  PlaneId a, b;
+  double known = 0.0;            // [map units]
+  std::vector<double> measured;  // Per arm, between the planes fitted to the members [map units].
+};
+
 struct RefineReport {
   size_t num_images = 0, num_images_in_use = 0;
   size_t num_points = 0, num_points_in_use = 0;
@@ -65,6 +72,7 @@ struct RefineReport {
   std::vector<ArmReport> arms;
   std::vector<PlaneReport> planes;
   std::vector<PlanePairReport> pairs;
+  std::vector<PlaneDistanceReport> distances;
   std::vector<OuterIteration> iterations;
   StepTimes seconds;
   double peak_memory_mib = 0.0;
@@ -78,7 +86,8 @@ struct ArmState {
   std::vector<Eigen::Vector3d> points;
 };
 
-/// Fills arms, planes and pairs from the states (the first is the input, the last the result).
+/// Fills arms, planes, pairs and distances from the states (the first is the input, the last the
+/// result).
 void CompareArms(const std::vector<ArmState>& states, const BundleMap& map, const PlaneModel& model,
                  const PlaneSigmaOptions& sigma, double sigma_px, const ClassTable& classes,
                  RefineReport& report);

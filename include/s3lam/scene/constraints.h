@@ -17,11 +17,19 @@ struct PosePrior {
   double sigma_rotation = 0.0;  // About each axis [rad]
 };
 
+/// Two planes of the semantic map are parallel and known to be so far apart.
+struct PlaneDistance {
+  PlaneId a, b;
+  double distance = 0.0;  // [map units]
+  double sigma = 0.0;     // [map units]
+};
+
 /// What an adjustment must not change, or must keep near to.
 struct Constraints {
   std::set<ImageId> constant_images;
   std::set<PointId> constant_points;
   std::vector<PosePrior> pose_priors;  // Ascending image id, at most one per image.
+  std::vector<PlaneDistance> plane_distances;
 };
 
 }  // namespace s3lam
