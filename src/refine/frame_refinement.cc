@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/parallel.h"
@@ -104,6 +105,27 @@ FrameRefinementReport RefineFrames(const FrameRefinementOptions& options,
   report.num_refined =
       static_cast<size_t>(std::count(was_refined.begin(), was_refined.end(), uint8_t{1}));
   return report;
+}
+
+FrameObservations FollowMergedPoints(const FrameObservations& observed,
+                                     const std::map<PointId, PointId>& merged_into) {
+  if (merged_into.empty()) return observed;
+  FrameObservations followed = observed;
+  for (ObservedFrame& frame : followed) {
+    std::set<PointId> seen;
+    for (const FrameObservation& o : frame.observations) seen.insert(o.point_id);
+    std::vector<FrameObservation> kept;
+    for (FrameObservation o : frame.observations) {
+      const PointId before = o.point_id;
+      for (auto it = merged_into.find(before); it != merged_into.end();
+           it = merged_into.find(o.point_id)) {
+        o.point_id = it->second;
+      }
+      if (o.point_id == before || seen.insert(o.point_id).second) kept.push_back(o);
+    }
+    frame.observations = std::move(kept);
+  }
+  return followed;
 }
 
 FrameObservations KeepKnownPoints(const FrameObservations& observed, const Reconstruction& model) {

@@ -63,13 +63,14 @@ void CarryUnusedImages(const Reconstruction& original, BundleMap& map) {
 void MoveTrajectories(const Options& options, const Input& input, const BundleMap& map,
                       Output& output, Report& report) {
   output.frames = input.frames;
-  output.observations = KeepKnownPoints(input.observations, output.model);
+  const FrameObservations observations = FollowMergedPoints(input.observations, map.merged_into);
+  output.observations = KeepKnownPoints(observations, output.model);
   output.keyframes.clear();
   if (input.image_times_s.empty()) return;
   const auto keyframes = MovedKeyframes(input.model, map, input.image_times_s);
   output.frames = CarryFrames(input.frames, keyframes);
-  report.frames = RefineFrames(options.frames, output.model, input.observations,
-                               options.num_threads, output.frames);
+  report.frames =
+      RefineFrames(options.frames, output.model, observations, options.num_threads, output.frames);
   size_t i = 0;
   for (const auto& [id, image] : output.model.images) {
     output.keyframes.push_back({input.image_times_s[i++], image.cam_from_world.Inverse()});

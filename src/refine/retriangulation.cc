@@ -329,6 +329,7 @@ size_t MergePoints(const RetriangulationOptions& options, double sigma_px, Bundl
     if (taken[merge.kept] != 0 || taken[merge.gone] != 0) continue;
     taken[merge.kept] = taken[merge.gone] = 1;
     merged_into[merge.gone] = merge.kept;
+    map.merged_into[map.point_ids[merge.gone]] = map.point_ids[merge.kept];
     map.problem.points[merge.kept] = merge.place;
     ++count;
   }

@@ -133,5 +133,19 @@ TEST(FrameRefinement, PointsThatAreGoneAreForgotten) {
   CheckFrameObservations(kept, less, scene.truth, "file");
 }
 
+TEST(FrameRefinement, ObservationsFollowPointsThatWereMerged) {
+  FrameObservations observed(2);
+  observed[0] = {0.0, CameraId(1), {{PointId(1), {1, 1}, 1}, {PointId(3), {3, 3}, 1}}};
+  observed[1] = {1.0, CameraId(1), {{PointId(1), {1, 1}, 1}, {PointId(2), {2, 2}, 1}}};
+  // 1 has become 2, and 2 has become 4.
+  const FrameObservations followed =
+      FollowMergedPoints(observed, {{PointId(1), PointId(2)}, {PointId(2), PointId(4)}});
+  ASSERT_EQ(followed[0].observations.size(), 2u);
+  EXPECT_EQ(followed[0].observations[0].point_id, PointId(4));
+  EXPECT_EQ(followed[0].observations[1].point_id, PointId(3));
+  ASSERT_EQ(followed[1].observations.size(), 1u);  // It saw both at different places.
+  EXPECT_EQ(followed[1].observations[0].point_id, PointId(4));
+}
+
 }  // namespace
 }  // namespace s3lam

@@ -92,6 +92,7 @@ TEST(MergePoints, APointInTwoPartsBecomesOne) {
   const Reconstruction merged = ToReconstruction(map, split.model);
   CheckReconstruction(merged, "merged");
   EXPECT_FALSE(merged.points.contains(split.second));
+  EXPECT_EQ(map.merged_into.at(split.second), split.first);
   EXPECT_EQ(merged.points.at(split.first).track.size(),
             split.model.points.at(split.first).track.size() +
                 split.model.points.at(split.second).track.size());

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <map>
 
 #include "s3lam/base/options.h"
 #include "s3lam/scene/frame_observations.h"
@@ -35,6 +36,11 @@ void CheckFrameObservations(const FrameObservations& observed, const Reconstruct
 FrameRefinementReport RefineFrames(const FrameRefinementOptions& options,
                                    const Reconstruction& refined, const FrameObservations& observed,
                                    int num_threads, Trajectory& frames);
+
+/// The observations of points that have become another are of that one; a frame that would see it
+/// twice keeps the first.
+FrameObservations FollowMergedPoints(const FrameObservations& observed,
+                                     const std::map<PointId, PointId>& merged_into);
 
 /// Without the observations of points that the model does not have.
 FrameObservations KeepKnownPoints(const FrameObservations& observed, const Reconstruction& model);

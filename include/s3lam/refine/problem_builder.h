@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <map>
 #include <vector>
 
 #include "s3lam/base/options.h"
@@ -38,6 +39,7 @@ struct BundleMap {
   std::vector<BundleObservation> observations;  // Grouped by point, points ascending.
   std::vector<uint8_t> is_used;                 // Per observation: is in problem.observations.
   std::vector<PointLook> looks;                 // Per point; empty if nothing is known.
+  std::map<PointId, PointId> merged_into;       // What has become of points that are gone.
 
   /// Index of a point; -1 if the model does not have it.
   [[nodiscard]] int IndexOfPoint(PointId id) const;
