@@ -4,6 +4,8 @@
 #include <algorithm>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/statistics.h"
+#include "s3lam/geometry/alignment.h"
 
 namespace s3lam {
 namespace {
@@ -73,7 +75,54 @@ bool HoldEverything(const BundleProblem& problem, const std::vector<uint8_t>& us
   return SpanPlane(places) || (full_poses >= 1 && DifferentPlaces(places));
 }
 
+/// By one full pose and the position farthest from it.
+std::optional<Similarity3> AlignByPose(const std::vector<PosePrior>& priors,
+                                       const Reconstruction& model) {
+  for (const PosePrior& pose : priors) {
+    if (!(pose.sigma_position > 0.0 && pose.sigma_rotation > 0.0)) continue;
+    const Rigid3& in_model = model.images.at(pose.image_id).cam_from_world;
+    const Eigen::Vector3d center = pose.cam_from_world.CenterInB();
+    double farthest = 0.0;
+    double in_model_units = 0.0;
+    for (const PosePrior& other : priors) {
+      const double distance = (other.cam_from_world.CenterInB() - center).norm();
+      if (!(other.sigma_position > 0.0) || distance <= farthest) continue;
+      farthest = distance;
+      in_model_units =
+          (model.images.at(other.image_id).cam_from_world.CenterInB() - in_model.CenterInB())
+              .norm();
+    }
+    if (!(farthest > 0.0 && in_model_units > 0.0)) continue;
+    Similarity3 aligned;
+    aligned.scale = farthest / in_model_units;
+    aligned.rotation = (pose.cam_from_world.rotation.conjugate() * in_model.rotation).normalized();
+    aligned.translation = center - aligned.scale * (aligned.rotation * in_model.CenterInB());
+    return aligned;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
+
+std::optional<Similarity3> PriorWorldFromModel(const Constraints& constraints,
+                                               const Reconstruction& model) {
+  constexpr double kOtherWorldSigmas = 10.0;
+  if (!constraints.constant_images.empty() || !constraints.constant_points.empty()) return {};
+  std::vector<Eigen::Vector3d> known;
+  std::vector<Eigen::Vector3d> in_model;
+  std::vector<double> misfits;
+  for (const PosePrior& prior : constraints.pose_priors) {
+    const auto image = model.images.find(prior.image_id);
+    if (image == model.images.end()) return {};
+    if (!(prior.sigma_position > 0.0)) continue;
+    known.push_back(prior.cam_from_world.CenterInB());
+    in_model.push_back(image->second.cam_from_world.CenterInB());
+    misfits.push_back((known.back() - in_model.back()).norm() / prior.sigma_position);
+  }
+  if (misfits.empty() || Median(misfits) <= kOtherWorldSigmas) return {};
+  if (SpanPlane(known) && SpanPlane(in_model)) return AlignPoints(known, in_model);
+  return AlignByPose(constraints.pose_priors, model);
+}
 
 void ApplyConstraints(const Constraints& constraints, BundleMap& map) {
   BundleProblem& problem = map.problem;

@@ -84,13 +84,13 @@ void TransformTrajectory(const Similarity3& new_from_old, Trajectory& trajectory
   }
 }
 
-/// Everything in the output into another world, or other units.
-void TransformOutput(const Similarity3& new_from_old, Output& output) {
-  TransformReconstruction(new_from_old, output.model);
-  for (auto& [id, cluster] : output.semantics.clusters) {
+/// A map and what is known of it into another world, or other units.
+void TransformMap(const Similarity3& new_from_old, Reconstruction& model, SemanticMap& semantics) {
+  TransformReconstruction(new_from_old, model);
+  for (auto& [id, cluster] : semantics.clusters) {
     cluster.centroid_in_world = new_from_old * cluster.centroid_in_world;
   }
-  for (auto& [id, surface] : output.semantics.planes) {
+  for (auto& [id, surface] : semantics.planes) {
     surface.plane_in_world = TransformPlane(new_from_old, surface.plane_in_world);
     surface.centroid_in_world = new_from_old * surface.centroid_in_world;
     surface.axis_u_in_world = new_from_old.rotation * surface.axis_u_in_world;
@@ -101,7 +101,11 @@ void TransformOutput(const Similarity3& new_from_old, Output& output) {
     surface.covariance.row(2) *= new_from_old.scale;
     surface.covariance.col(2) *= new_from_old.scale;
   }
-  output.semantics.model_fingerprint = FingerprintOfModel(output.model);
+  semantics.model_fingerprint = FingerprintOfModel(model);
+}
+
+void TransformOutput(const Similarity3& new_from_old, Output& output) {
+  TransformMap(new_from_old, output.model, output.semantics);
   TransformTrajectory(new_from_old, output.keyframes);
   TransformTrajectory(new_from_old, output.frames);
 }
@@ -219,28 +223,7 @@ std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_
   return {};
 }
 
-}  // namespace
-
-void Options::Visit(OptionVisitor& v) {
-  v.Value("keypoint_sigma_px", keypoint_sigma_px,
-          "standard deviation of a keypoint [px]; 0: measured by the median reprojection error",
-          0.0, 1e6);
-  v.Group("solver", solver, "The bundle adjustment.");
-  v.Group("outliers", outliers, "Observations that are left out.");
-  v.Group("intrinsics", intrinsics, "Camera parameters that are refined.");
-  v.Group("planes", planes, "Planes and the points on them.");
-  v.Group("exact_planes", exact_planes, "Planes whose points are put onto them (mode hard).");
-  v.Group("retriangulation", retriangulation, "Points and tracks mended between solves.");
-  v.Group("bending", bending, "Surfaces that bend: cut into pieces.");
-  v.Group("relations", relations, "Planes that are parallel, orthogonal or coplanar.");
-  v.Group("camera_height", camera_height, "The camera keeps its height above the ground.");
-  v.Group("frames", frames, "Frames that are no keyframes.");
-  v.Group("gravity", gravity, "Which way is up in the output.");
-  v.Group("covariance", covariance, "How certain the result is.");
-  v.Group("outer", outer, "Rounds of solving and choosing inliers.");
-}
-
-Report Run(const Options& given, const Input& input, Output& output) {
+Report RunInWorld(const Options& given, const Input& input, Output& output) {
   Report report;
   Options options = given;
   SolveJournal journal(input.steps);
@@ -304,6 +287,39 @@ Report Run(const Options& given, const Input& input, Output& output) {
   }
   report.peak_memory_mib = PeakMemoryMiB();
   return report;
+}
+
+}  // namespace
+
+void Options::Visit(OptionVisitor& v) {
+  v.Value("keypoint_sigma_px", keypoint_sigma_px,
+          "standard deviation of a keypoint [px]; 0: measured by the median reprojection error",
+          0.0, 1e6);
+  v.Group("solver", solver, "The bundle adjustment.");
+  v.Group("outliers", outliers, "Observations that are left out.");
+  v.Group("intrinsics", intrinsics, "Camera parameters that are refined.");
+  v.Group("planes", planes, "Planes and the points on them.");
+  v.Group("exact_planes", exact_planes, "Planes whose points are put onto them (mode hard).");
+  v.Group("retriangulation", retriangulation, "Points and tracks mended between solves.");
+  v.Group("bending", bending, "Surfaces that bend: cut into pieces.");
+  v.Group("relations", relations, "Planes that are parallel, orthogonal or coplanar.");
+  v.Group("camera_height", camera_height, "The camera keeps its height above the ground.");
+  v.Group("frames", frames, "Frames that are no keyframes.");
+  v.Group("gravity", gravity, "Which way is up in the output.");
+  v.Group("covariance", covariance, "How certain the result is.");
+  v.Group("outer", outer, "Rounds of solving and choosing inliers.");
+}
+
+Report Run(const Options& given, const Input& given_input, Output& output) {
+  if (const auto world = PriorWorldFromModel(given_input.constraints, given_input.model)) {
+    spdlog::info("the map is brought into the world of the pose priors, {:.6g} times as large",
+                 world->scale);
+    Input moved = given_input;
+    TransformMap(*world, moved.model, moved.semantics);
+    TransformTrajectory(*world, moved.frames);
+    return RunInWorld(given, moved, output);
+  }
+  return RunInWorld(given, given_input, output);
 }
 
 }  // namespace s3lam::refine

@@ -135,6 +135,45 @@ TEST(RefineConstraints, PriorsPutTheMapWhereTheyAre) {
   EXPECT_LT(CenterError(positions.model, map.truth), 4e-3);
 }
 
+TEST(RefineConstraints, TheMapIsBroughtIntoAnotherWorldOfThePriors) {
+  const SyntheticMap map = MakeDeskMap();
+  const Similarity3 other{
+      40.0, QuaternionFromRotationVector({0.4, -1.1, 2.0}), {500.0, -80.0, 30.0}};
+  Reconstruction truth = map.truth;
+  TransformReconstruction(other, truth);
+  Output in_own_world;
+  refine::Run(Options(), MakeInput(map), in_own_world);
+  for (const size_t step : {size_t{1}, size_t{8}}) {  // All; two, which are always on a line.
+    Input input = MakeInput(map);
+    for (const auto& [id, image] : map.estimate.images) {
+      input.image_times_s.push_back(static_cast<double>(id.value()));
+      input.frames.push_back({input.image_times_s.back(), image.cam_from_world.Inverse()});
+    }
+    input.constraints.pose_priors = PriorsNearTruth(map, step, 1e-3, 1e-3);
+    for (PosePrior& prior : input.constraints.pose_priors) {
+      prior.cam_from_world = TransformCameraPose(other, prior.cam_from_world);
+      prior.sigma_position *= other.scale;
+    }
+    Output output;
+    const Report report = refine::Run(Options(), input, output);
+    EXPECT_LT(CenterError(output.model, truth) / other.scale, 4e-3) << step;
+    EXPECT_GT(report.planes.size(), 3u);
+    CheckSemanticMap(output.semantics, output.model, "output");
+    for (size_t i = 0; i < output.frames.size(); ++i) {
+      EXPECT_LT((output.frames[i].world_from_camera.translation -
+                 output.keyframes[i].world_from_camera.translation)
+                    .norm(),
+                1e-9 * other.scale);
+    }
+    for (const auto& [id, surface] : in_own_world.semantics.planes) {
+      ASSERT_TRUE(output.semantics.planes.contains(id));
+      EXPECT_LT(PlaneAngle(output.semantics.planes.at(id).plane_in_world,
+                           TransformPlane(other, surface.plane_in_world)),
+                0.05);
+    }
+  }
+}
+
 TEST(RefineConstraints, PriorsThatLeaveFreedomsOpenAreRefused) {
   const SyntheticMap map = MakeDeskMap();
   Input input = MakeInput(map);

@@ -19,11 +19,11 @@ namespace s3lam {
 void ReadConstantParts(const std::filesystem::path& path, const Reconstruction& model,
                        Constraints& constraints);
 
-/// Pose priors in the model's world: lines "t tx ty tz qx qy qz qw sigma_position sigma_rotation"
-/// (TUM, world_from_camera, and two standard deviations in map units and degrees; 0: not known),
-/// # comments. In the place of the time t an image's name may stand; times are looked up in
-/// `image_times_s` (one per image in ascending id, may be empty) to a millisecond. Throws
-/// InputError naming source and line.
+/// Pose priors in the model's world or another: lines "t tx ty tz qx qy qz qw sigma_position
+/// sigma_rotation" (TUM, world_from_camera, and two standard deviations in units of that world and
+/// degrees; 0: not known), # comments. In the place of the time t an image's name may stand; times
+/// are looked up in `image_times_s` (one per image in ascending id, may be empty) to a millisecond.
+/// Throws InputError naming source and line.
 void ReadPosePriors(std::istream& stream, const std::string& source, const Reconstruction& model,
                     const std::vector<double>& image_times_s, Constraints& constraints);
 void ReadPosePriors(const std::filesystem::path& path, const Reconstruction& model,

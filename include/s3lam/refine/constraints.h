@@ -1,9 +1,19 @@
 #pragma once
 
+#include <optional>
+
+#include "s3lam/geometry/similarity3.h"
 #include "s3lam/refine/problem_builder.h"
 #include "s3lam/scene/constraints.h"
 
 namespace s3lam {
+
+/// The world of the pose priors, where that is another than the model's: if half of the known
+/// positions are farther from the model's than ten sigmas. By all positions, or by a pose and the
+/// position farthest from it where they are on a line. Empty if the worlds are the same, if
+/// constant parts hold the model's, or if the priors do not determine theirs.
+std::optional<Similarity3> PriorWorldFromModel(const Constraints& constraints,
+                                               const Reconstruction& model);
 
 /// Marks constant images and points and adds the pose priors. Throws InputError if a prior is of an
 /// image that the map does not have.

@@ -54,7 +54,8 @@ using Report = RefineReport;
 ///   sum_ij rho(|| x_ij - proj(T_i, X_j) ||) + sum_k sum_{j in O_k} rho(|| pi_k^T X_j || / sigma_j)
 /// over poses and points (and planes, if joint), in rounds between which outliers and the points of
 /// planes are chosen anew. The frame of the first image and the distance to the farthest one are
-/// held, unless constant parts or pose priors hold the world. Throws InputError if the model cannot
+/// held, unless constant parts or pose priors hold the world; the map is brought into the priors'
+/// world first, if it is in another. Throws InputError if the model cannot
 /// be adjusted (fewer than two images that see common points), std::runtime_error if the adjustment
 /// fails.
 Report Run(const Options& options, const Input& input, Output& output);

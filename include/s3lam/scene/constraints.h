@@ -20,7 +20,7 @@ struct PosePrior {
 /// Two planes of the semantic map are parallel and known to be so far apart.
 struct PlaneDistance {
   PlaneId a, b;
-  double distance = 0.0;  // [map units]
+  double distance = 0.0;  // [map units; of the pose priors' world, if that is another]
   double sigma = 0.0;     // [map units]
 };
 
