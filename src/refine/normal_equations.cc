@@ -181,6 +181,10 @@ double NormalEquations::PointCost(size_t p, const Eigen::Vector3d& point,
 
 double NormalEquations::Linearize(const BundleState& state) {
   rotations_ = RotationMatrices(state.poses);
+  tangents_.clear();
+  for (const auto& plane : state.planes) {
+    tangents_.push_back(TangentBasis(Eigen::Vector3d(plane.head<3>())));
+  }
   HoldScale(state);
   std::vector<Sums> sums(layout_.num_chunks());
   ParallelFor(sums.size(), options_.num_threads,
@@ -300,7 +304,7 @@ void NormalEquations::LinearizePlaneTerm(const BundleState& state, size_t k, Sum
   if (variable < 0) return;
   const Eigen::Vector3d arm =
       state.points[term.point] - problem_.planes[term.plane].anchor_in_world;
-  by_plane_[k] << scale * (TangentBasis(normal).transpose() * arm), scale;
+  by_plane_[k] << scale * (tangents_[term.plane].transpose() * arm), scale;
   const int plane = variable - layout_.num_poses;
   sums.plane_hessian[plane].noalias() += by_plane_[k] * by_plane_[k].transpose();
   sums.plane_gradient[plane] += (weight * residual) * by_plane_[k];
