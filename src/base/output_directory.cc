@@ -160,10 +160,7 @@ void OutputDirectory::Unlock() {
 }
 
 OutputDirectory::~OutputDirectory() {
-  if (!committed_) {
-    std::error_code ignored;
-    fs::remove_all(staging_, ignored);
-  }
+  RemoveStaging();
   Unlock();
   const std::lock_guard lock(g_mutex);
   g_uncommitted.erase(staging_);
@@ -194,6 +191,10 @@ void OutputDirectory::Commit() {
   }
   Unlock();  // The lock has gone with the folder to its new place.
   SyncPath(ParentOf(target_), O_RDONLY | O_DIRECTORY);
+  RemoveStaging();
+}
+
+void OutputDirectory::RemoveStaging() const {
   std::error_code ignored;
   fs::remove_all(staging_, ignored);  // After an exchange the name holds the old result.
 }

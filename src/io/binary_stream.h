@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 #include <cstring>
@@ -20,14 +21,14 @@ static_assert(std::endian::native == std::endian::little, "files are little endi
 /// can be held against it before anything is allocated. Needs a stream that can seek.
 class BinaryReader {
  public:
-  BinaryReader(std::istream& stream, const std::string& source)
-      : stream_(stream), source_(source), buffer_(kBufferSize) {
+  BinaryReader(std::istream& stream, const std::string& source) : stream_(stream), source_(source) {
     const std::istream::pos_type start = stream.tellg();
     stream.seekg(0, std::ios::end);
     const std::istream::pos_type end = stream.tellg();
     stream.seekg(start);
     if (!stream || start < 0 || end < start) ThrowInputError("{}: cannot read", source);
     remaining_ = static_cast<uint64_t>(end - start);
+    buffer_.resize(static_cast<size_t>(std::min<uint64_t>(kBufferSize, remaining_)));
   }
 
   /// Bytes not yet handed out.

@@ -31,6 +31,10 @@ IdImage FromNpy(const std::string& source) {
   if (array.shape.size() != 2) {
     ThrowInputError("{}: {} dimensions where rows x columns are due", source, array.shape.size());
   }
+  if (array.shape[0] == 0 || array.shape[1] == 0) {
+    ThrowInputError("{}: {} rows and {} columns: no pixels", source, array.shape[0],
+                    array.shape[1]);
+  }
   const std::string& type = array.type;
   if (type == "u1") return {FromItems<uint8_t>(array, source), 255};
   if (type == "u2") return {FromItems<uint16_t>(array, source), 65535};

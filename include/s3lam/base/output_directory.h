@@ -31,6 +31,7 @@ class OutputDirectory {
  private:
   void CreateStaging();
   void PutInPlace();
+  void RemoveStaging() const;
   void Unlock();
 
   std::filesystem::path target_;
