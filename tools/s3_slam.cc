@@ -4,6 +4,7 @@
 #include <boost/program_options.hpp>
 #include <nlohmann/json.hpp>
 
+#include "common/checkpoint.h"
 #include "common/config_files.h"
 #include "common/program.h"
 #include "common/provenance.h"
@@ -215,13 +216,18 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
                sequence.camera->height);
   const Provenance provenance = DescribeInputs(arguments, common, options, sequence);
   const FrameReader reader(sequence);
-  const slam::Result result = slam::Run(options, MakeInput(opened, reader, ignore_masks));
+  const auto checkpoint = OpenCheckpoint(arguments, common, provenance);
+  slam::Input input = MakeInput(opened, reader, ignore_masks);
+  input.steps = checkpoint.get();
+  input.save_every_s = arguments["checkpoint-every"].as<double>();
+  const slam::Result result = slam::Run(options, input);
   nlohmann::json report = ToJson(result.report);
   provenance.AddTo(report);
   if (opened.guess) report["focal_length"]["source"] = opened.guess->source;
   report["peak_memory_mib"] = PeakMemoryMiB();
   Write(result, options, report, sequence, directory.path());
   directory.Commit();
+  if (checkpoint) checkpoint->Remove();
   for (const char* long_one : {"per_frame", "config"}) report.erase(long_one);
   PrintReport(common, Table(result.report, output), report);
 }
@@ -245,6 +251,9 @@ int main(int argc, char** argv) {
   add("ignore-masks", po::value<std::string>()->value_name("DIR"),
       "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift");
   add("output", po::value<std::string>()->value_name("DIR"), "where the result goes");
+  AddCheckpointArguments(program.arguments);
+  add("checkpoint-every", po::value<double>()->default_value(30.0)->value_name("S"),
+      "seconds of tracking after which the state is kept again");
   SetConfiguration(s3lam::slam::Options{}, program);
   program.run = RunSlam;
   return RunProgram(argc, argv, program);

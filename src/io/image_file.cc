@@ -20,9 +20,26 @@
 namespace s3lam {
 namespace {
 
+/// Of the formats that HasImageExtension names. OpenCV may be built with decoders of very different
+/// things, medical images and maps among them, some of which end the program over a damaged file or
+/// open others that it refers to: they must not come into play by what a file begins with.
+bool HasImageSignature(std::string_view bytes) {
+  using std::string_view_literals::operator""sv;
+  constexpr std::array kSignatures = {"\xff\xd8"sv, "\x89PNG"sv, "BM"sv, "II*\0"sv, "MM\0*"sv,
+                                      "II+\0"sv,    "MM\0+"sv,   "P1"sv, "P2"sv,    "P3"sv,
+                                      "P4"sv,       "P5"sv,      "P6"sv};
+  if (bytes.starts_with("RIFF") && bytes.size() > 12) return bytes.substr(8, 4) == "WEBP";
+  return std::any_of(kSignatures.begin(), kSignatures.end(),
+                     [&](std::string_view signature) { return bytes.starts_with(signature); });
+}
+
 /// OpenCV pads a JPEG that is cut short with gray and says nothing.
 void CheckComplete(std::string_view bytes, const std::string& source) {
   if (bytes.empty()) ThrowInputError("{}: image file is empty", source);
+  if (!HasImageSignature(bytes)) {
+    ThrowInputError(
+        "{}: not an image, or damaged: JPEG, PNG, BMP, TIFF, WebP, PGM and PPM are known", source);
+  }
   if (internal::IsJpeg(bytes) && !internal::IsCompleteJpeg(bytes)) {
     ThrowInputError("{}: JPEG file is cut short at {} bytes", source, bytes.size());
   }

@@ -117,7 +117,7 @@ class Search {
     const auto pair = FindInitialPair(options_.initializer, frames, undistorter, 1);
     if (!pair) return std::nullopt;
     MapBuilder builder(options_.tracker, options_.mapper, options_.features, frames, undistorter,
-                       vocabulary_, std::vector<uint8_t>(frames.size(), 0), [](int, int) {});
+                       vocabulary_, std::vector<uint8_t>(frames.size(), 0));
     builder.Start(*pair);
     builder.Grow();
     builder.mapper().AdjustGlobally(builder.map(), kGlobalRounds, 1);

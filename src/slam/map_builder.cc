@@ -23,7 +23,7 @@ Rigid3 Fraction(const Rigid3& motion, int gap) {
 MapBuilder::MapBuilder(const TrackerOptions& tracker_options, const MapperOptions& mapper_options,
                        const FeatureOptions& feature_options, std::vector<FrameFeatures>& frames,
                        const Undistorter& undistorter, const Vocabulary& vocabulary,
-                       std::vector<uint8_t> frame_is_taken, ProgressCallback progress)
+                       std::vector<uint8_t> frame_is_taken)
     : frames_(frames),
       map_(frames, feature_options),
       tracker_(tracker_options, undistorter),
@@ -31,7 +31,6 @@ MapBuilder::MapBuilder(const TrackerOptions& tracker_options, const MapperOption
       vocabulary_(vocabulary),
       places_(vocabulary),
       frame_is_taken_(std::move(frame_is_taken)),
-      progress_(std::move(progress)),
       tracks_(frames.size()) {}
 
 void MapBuilder::Start(const InitialPair& pair) {
@@ -58,8 +57,8 @@ void MapBuilder::Start(const InitialPair& pair) {
   }
   mapper_.TriangulateNewPoints(map_, b, 1);
   mapper_.AdjustGlobally(map_, 2, 1);
-  frames_done_ = 2;
-  last_keyframe_frame_ = pair.frame_b;
+  BeginLeg(pair.frame_a, -1);
+  BeginLeg(pair.frame_b, +1);
 }
 
 bool MapBuilder::IsTracked(int frame) const {
@@ -104,7 +103,6 @@ bool MapBuilder::TrackFrame(int frame, int direction) {
       tracker_.NeedsKeyframe(map_, track, std::abs(frame - last_keyframe_frame_));
   tracks_[frame] = std::move(track);
   if (needs_keyframe) MakeKeyframe(frame);
-  progress_(++frames_done_, map_.num_keyframes());
   return true;
 }
 
@@ -117,19 +115,17 @@ void MapBuilder::MakeKeyframe(int frame) {
   last_keyframe_frame_ = frame;
 }
 
-int MapBuilder::Follow(int first, int direction) {
-  int frame = first;
-  while (IsFree(frame)) {
-    if (!TrackFrame(frame, direction)) {
-      spdlog::info("tracking lost at frame {}", frame);
-      break;
-    }
-    frame += direction;
-  }
+void MapBuilder::BeginLeg(int origin, int direction) {
+  legs_.push_back({origin, origin + direction, direction});
+  last_keyframe_frame_ = origin;
+}
+
+void MapBuilder::EndLeg() {
   // What lies beyond the last keyframe is known from one side only: the last frame becomes one too.
-  const int last = frame - direction;
+  const int last = legs_.back().frame - legs_.back().direction;
   if (last != last_keyframe_frame_ && IsTracked(last)) MakeKeyframe(last);
-  return frame;
+  legs_.pop_back();
+  if (!legs_.empty()) last_keyframe_frame_ = legs_.back().origin;
 }
 
 std::vector<int> MapBuilder::Lookalikes(int frame) {
@@ -138,6 +134,7 @@ std::vector<int> MapBuilder::Lookalikes(int frame) {
   for (; num_indexed_ < map_.num_keyframes(); ++num_indexed_) {
     if (is_erased[num_indexed_] != 0) continue;
     places_.Add(num_indexed_, vocabulary_.Describe(map_.features(num_indexed_)));
+    indexed_keyframes_.push_back(num_indexed_);
   }
   std::vector<int> keyframes = map_.AliveKeyframes();
   std::stable_sort(keyframes.begin(), keyframes.end(), [&](int a, int b) {
@@ -165,19 +162,38 @@ bool MapBuilder::Recognize(int frame) {
   return false;
 }
 
-void MapBuilder::Grow() {
-  Follow(initial_.frame_b + 1, +1);
-  last_keyframe_frame_ = initial_.frame_a;
-  Follow(initial_.frame_a - 1, -1);
-  for (int frame = 0; frame < static_cast<int>(frames_.size()); frame += kRecoverStep) {
+bool MapBuilder::BranchAnew() {
+  while (next_to_recognize_ < static_cast<int>(frames_.size())) {
+    const int frame = next_to_recognize_;
+    next_to_recognize_ += kRecoverStep;
     // Those inside the initial pair are well held by it, and are localised when the map is done.
     if (frame > initial_.frame_a && frame < initial_.frame_b) continue;
     if (!IsFree(frame) || !Recognize(frame)) continue;
-    last_keyframe_frame_ = frame;
-    Follow(frame - 1, -1);
-    last_keyframe_frame_ = frame;
-    Follow(frame + 1, +1);
+    BeginLeg(frame, +1);
+    BeginLeg(frame, -1);
+    return true;
   }
+  return false;
+}
+
+bool MapBuilder::GrowByOne() {
+  while (!legs_.empty() || BranchAnew()) {
+    Leg& leg = legs_.back();
+    if (IsFree(leg.frame)) {
+      if (TrackFrame(leg.frame, leg.direction)) {
+        leg.frame += leg.direction;
+        return true;
+      }
+      spdlog::info("tracking lost at frame {}", leg.frame);
+    }
+    EndLeg();
+  }
+  return false;
+}
+
+void MapBuilder::IndexPlaces() {
+  places_ = PlaceIndex(vocabulary_);
+  for (const int k : indexed_keyframes_) places_.Add(k, vocabulary_.Describe(map_.features(k)));
 }
 
 void MapBuilder::Absorb(const MapBuilder& other, const Similarity3& this_from_other) {

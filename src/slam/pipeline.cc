@@ -10,6 +10,7 @@
 #include "s3lam/base/parallel.h"
 #include "s3lam/base/progress.h"
 #include "s3lam/slam/export.h"
+#include "s3lam/slam/run_state.h"
 
 namespace s3lam::slam {
 namespace {
@@ -37,19 +38,18 @@ std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input
 }
 
 /// One map, or several where the sequence falls apart.
-Submaps BuildMaps(const Options& options, std::vector<FrameFeatures>& frames,
-                  const Undistorter& undistorter, const Vocabulary& vocabulary) {
-  Progress progress("tracking", static_cast<int64_t>(frames.size()));
-  const auto make_builder = [&](std::vector<uint8_t> frame_is_taken) {
-    const auto taken = std::count(frame_is_taken.begin(), frame_is_taken.end(), uint8_t{1});
-    return std::make_unique<MapBuilder>(
-        options.tracker, options.mapper, options.features, frames, undistorter, vocabulary,
-        std::move(frame_is_taken), [&progress, taken](int done, int keyframes) {
-          progress.Update(taken + done, fmt::format("{} keyframes", keyframes));
-        });
+Submaps BuildMaps(const Options& options, const MapBuilderFactory& make_builder, Steps& steps,
+                  RunState& state) {
+  Progress progress("tracking", static_cast<int64_t>(state.frames.size()));
+  const auto after_frame = [&] {
+    int done = state.tracking.growing->NumTracked();
+    for (const auto& map : state.tracking.maps) done += map->NumTracked();
+    progress.Update(done,
+                    fmt::format("{} keyframes", state.tracking.growing->map().num_keyframes()));
+    steps.KeepNowAndThen();
   };
-  Submaps maps = BuildSubmaps(options.submaps, options.initializer, frames, undistorter,
-                              options.num_threads, make_builder);
+  Submaps maps = BuildSubmaps(options.submaps, options.initializer, state.frames, state.undistorter,
+                              options.num_threads, make_builder, after_frame, state.tracking);
   if (!maps.empty()) return maps;
   throw InputError(
       "no pair of frames gives a map to start from: too few matches or no parallax (is the camera "
@@ -57,23 +57,27 @@ Submaps BuildMaps(const Options& options, std::vector<FrameFeatures>& frames,
 }
 
 /// Maps of the whole sequence, merged where they meet, and adjusted.
-Submaps MapSequence(const Options& options, std::vector<FrameFeatures>& frames,
-                    const Undistorter& undistorter, const Vocabulary& vocabulary, Report& report) {
-  Submaps maps;
-  {
-    const ScopedStep step(report.seconds, "tracking and mapping");
-    maps = BuildMaps(options, frames, undistorter, vocabulary);
-  }
-  {
-    const ScopedStep step(report.seconds, "merging maps");
-    report.num_merged_maps = MergeSubmaps(options.submaps, options.loops, vocabulary, undistorter,
-                                          options.global_rounds, options.num_threads, maps);
-  }
-  const ScopedStep step(report.seconds, "global bundle adjustment");
-  for (const auto& builder : maps) {
-    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
-  }
-  return maps;
+void MapSequence(const Options& options, const MapBuilderFactory& make_builder,
+                 const Vocabulary& vocabulary, Steps& steps, RunState& state) {
+  StepTimes& seconds = state.report.seconds;
+  steps.Do([&] {
+    const ScopedStep step(seconds, "tracking and mapping");
+    state.maps.clear();
+    state.maps = BuildMaps(options, make_builder, steps, state);
+    state.tracking = {};
+  });
+  steps.Do([&] {
+    const ScopedStep step(seconds, "merging maps");
+    state.report.num_merged_maps =
+        MergeSubmaps(options.submaps, options.loops, vocabulary, state.undistorter,
+                     options.global_rounds, options.num_threads, state.maps);
+  });
+  steps.Do([&] {
+    const ScopedStep step(seconds, "global bundle adjustment");
+    for (const auto& builder : state.maps) {
+      builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
+    }
+  });
 }
 
 /// The second pass: everything matched again, then every observation aligned, each followed by a
@@ -160,20 +164,22 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
   }
 }
 
-/// Maps the whole sequence, and maps it anew as long as that changes the camera.
+/// Maps the whole sequence anew as long as that changes the camera.
 void MapUntilCameraStays(const Options& options, const FocalPrior& prior,
-                         const Vocabulary& vocabulary, std::vector<FrameFeatures>& frames,
-                         Undistorter& undistorter, Submaps& maps, Report& report) {
-  for (int round = 1;; ++round) {
-    const double before = undistorter.camera().FocalX();
-    {
-      const ScopedStep step(report.seconds, "self-calibration");
-      RefineCamera(options, prior, frames, undistorter, maps, *report.focal);
-    }
-    const double change = std::abs(std::log(undistorter.camera().FocalX() / before));
-    if (change < options.focal_search.settled_change) return;
-    if (round >= options.focal_search.max_rounds) return;
-    maps = MapSequence(options, frames, undistorter, vocabulary, report);
+                         const MapBuilderFactory& make_builder, const Vocabulary& vocabulary,
+                         Steps& steps, RunState& state) {
+  for (size_t round = 0;; ++round) {
+    steps.Do([&] {
+      const ScopedStep step(state.report.seconds, "self-calibration");
+      const double before = state.undistorter.camera().FocalX();
+      RefineCamera(options, prior, state.frames, state.undistorter, state.maps,
+                   *state.report.focal);
+      const double change = std::abs(std::log(state.undistorter.camera().FocalX() / before));
+      state.camera_stays.push_back(change < options.focal_search.settled_change ||
+                                   static_cast<int>(round) + 1 >= options.focal_search.max_rounds);
+    });
+    if (state.camera_stays[round] != 0) return;
+    MapSequence(options, make_builder, vocabulary, steps, state);
   }
 }
 
@@ -279,69 +285,80 @@ Result Run(const Options& given, const Input& input) {
   S3LAM_CHECK(input.times_s.size() == input.names.size());
   if (input.names.size() < 4)
     ThrowInputError("a sequence of {} images is too short", input.names.size());
-  Result result;
-  StepTimes& seconds = result.report.seconds;
-  Undistorter undistorter(input.camera);
-
-  std::vector<FrameFeatures> frames;
+  RunState state{{}, Undistorter(input.camera), {}, {}, {}, {}, {}};
+  StepTimes& seconds = state.report.seconds;
   {
     const ScopedStep step(seconds, "features");
-    frames = ExtractAll(options, input, undistorter);
+    state.frames =
+        KeptFeatures(input.steps, [&] { return ExtractAll(options, input, state.undistorter); });
   }
   std::optional<Vocabulary> vocabulary;
   {
     const ScopedStep step(seconds, "learning words");
-    vocabulary.emplace(options.vocabulary, frames);
+    vocabulary.emplace(options.vocabulary, state.frames);
   }
+  const MapBuilderFactory make_builder = [&](std::vector<uint8_t> frame_is_taken) {
+    return std::make_unique<MapBuilder>(options.tracker, options.mapper, options.features,
+                                        state.frames, state.undistorter, *vocabulary,
+                                        std::move(frame_is_taken));
+  };
+  Steps steps(input.steps, input.save_every_s, make_builder, state);
   if (input.focal_prior) {
-    const ScopedStep step(seconds, "searching the focal length");
-    result.report.focal = SearchCamera(options, input, *vocabulary, frames, undistorter);
+    steps.Do([&] {
+      const ScopedStep step(seconds, "searching the focal length");
+      state.report.focal =
+          SearchCamera(options, input, *vocabulary, state.frames, state.undistorter);
+    });
   }
-  Submaps maps = MapSequence(options, frames, undistorter, *vocabulary, result.report);
+  MapSequence(options, make_builder, *vocabulary, steps, state);
   if (input.focal_prior) {
-    MapUntilCameraStays(options, *input.focal_prior, *vocabulary, frames, undistorter, maps,
-                        result.report);
+    MapUntilCameraStays(options, *input.focal_prior, make_builder, *vocabulary, steps, state);
   }
-  std::vector<LoopClosingReport> loops;
-  for (const auto& builder : maps) {
-    {
+  const Submaps& maps = state.maps;
+  for (size_t m = 0; m < maps.size(); ++m) {
+    MapBuilder& builder = *maps[m];
+    steps.Do([&] {
       const ScopedStep step(seconds, "closing loops");
-      loops.push_back(CloseLoops(options.loops, *vocabulary, undistorter, builder->mapper(),
-                                 options.global_rounds, options.num_threads, builder->map(),
-                                 builder->tracks()));
-    }
-    ImproveMap(options, input, undistorter, *builder, seconds);
+      state.loops.push_back(CloseLoops(options.loops, *vocabulary, state.undistorter,
+                                       builder.mapper(), options.global_rounds, options.num_threads,
+                                       builder.map(), builder.tracks()));
+    });
+    steps.Do([&] { ImproveMap(options, input, state.undistorter, builder, seconds); });
   }
-  {
+  steps.Do([&] {
     const ScopedStep step(seconds, "self-calibration");
     if (input.focal_prior) {
-      RefineCamera(options, *input.focal_prior, frames, undistorter, maps, *result.report.focal);
+      RefineCamera(options, *input.focal_prior, state.frames, state.undistorter, maps,
+                   *state.report.focal);
     } else {
-      Recalibrate(options, frames, undistorter, maps, result.report);
+      Recalibrate(options, state.frames, state.undistorter, maps, state.report);
     }
-  }
+  });
   std::vector<std::vector<FrameTrack>> localized;
   {
     const ScopedStep step(seconds, "localising all frames");
-    localized = LocalizeInMaps(options, maps, frames.size());
+    localized = LocalizeInMaps(options, maps, state.frames.size());
   }
   const ScopedStep step(seconds, "export");
-  result.report.num_frames = static_cast<int>(frames.size());
-  result.report.frames.resize(frames.size());
+  Result result;
+  Report& report = state.report;
+  report.num_frames = static_cast<int>(state.frames.size());
+  report.frames.resize(state.frames.size());
   for (size_t m = 0; m < maps.size(); ++m) {
     const Map& map = maps[m]->map();
-    result.models.push_back(Export(input, undistorter.camera(), map, localized[m]));
-    result.report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
-    result.report.maps[m].loops = std::move(loops[m]);
-    AddFrames(undistorter, map, static_cast<int>(m), localized[m], result.report);
+    result.models.push_back(Export(input, state.undistorter.camera(), map, localized[m]));
+    report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
+    report.maps[m].loops = std::move(state.loops[m]);
+    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], report);
   }
-  if (result.report.focal && !result.report.focal->IsDetermined()) {
+  if (report.focal && !report.focal->IsDetermined()) {
     spdlog::warn(
         "the motion does not determine the focal length (sigma {:.1f} of {:.1f} px): it is little "
         "more than a guess, and the map may be distorted; give the camera's calibration",
-        result.report.focal->sigma, result.report.focal->refined);
+        report.focal->sigma, report.focal->refined);
   }
-  result.report.stretches = FindStretches(result.report.frames);
+  report.stretches = FindStretches(report.frames);
+  result.report = std::move(report);
   return result;
 }
 

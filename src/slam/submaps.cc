@@ -37,6 +37,28 @@ std::vector<uint8_t> TakenFrames(const Submaps& maps, size_t num_frames) {
   return taken;
 }
 
+std::optional<InitialPair> FindPairIn(const InitializerOptions& options,
+                                      const std::vector<FrameFeatures>& frames, Stretch stretch,
+                                      const Undistorter& undistorter, int num_threads) {
+  auto pair = FindInitialPair(options,
+                              std::span(frames).subspan(static_cast<size_t>(stretch.begin),
+                                                        static_cast<size_t>(stretch.size())),
+                              undistorter, num_threads);
+  if (!pair) return std::nullopt;
+  pair->frame_a += stretch.begin;
+  pair->frame_b += stretch.begin;
+  return pair;
+}
+
+/// No further map is begun from what a complete one has, or from within its initial pair.
+void MarkDone(const MapBuilder& builder, std::vector<uint8_t>& is_done) {
+  const InitialPair& pair = builder.initial_pair();
+  std::fill(is_done.begin() + pair.frame_a, is_done.begin() + pair.frame_b + 1, 1);
+  for (size_t i = 0; i < is_done.size(); ++i) {
+    if (builder.tracks()[i].tracked) is_done[i] = 1;
+  }
+}
+
 void SortBySize(Submaps& maps) {
   std::stable_sort(maps.begin(), maps.end(),
                    [](const auto& a, const auto& b) { return a->NumTracked() > b->NumTracked(); });
@@ -106,35 +128,32 @@ void SubmapOptions::Visit(OptionVisitor& v) {
 
 Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& initializer,
                      const std::vector<FrameFeatures>& frames, const Undistorter& undistorter,
-                     int num_threads, const MapBuilderFactory& make_builder) {
-  Submaps maps;
-  std::vector<uint8_t> done(frames.size(), 0);  // Localised, or tried in vain.
-  for (Stretch free = LongestFree(done); free.size() >= options.min_frames || maps.empty();
-       free = LongestFree(done)) {
-    auto pair = FindInitialPair(initializer,
-                                std::span(frames).subspan(static_cast<size_t>(free.begin),
-                                                          static_cast<size_t>(free.size())),
-                                undistorter, num_threads);
-    if (!pair) {
-      if (free.size() == 0) break;
-      std::fill(done.begin() + free.begin, done.begin() + free.end, 1);
-      continue;
+                     int num_threads, const MapBuilderFactory& make_builder,
+                     const std::function<void()>& after_frame, SubmapsUnderWay& under_way) {
+  Submaps& maps = under_way.maps;
+  std::vector<uint8_t>& is_done = under_way.is_done;
+  is_done.resize(frames.size(), 0);
+  while (true) {
+    if (under_way.growing == nullptr) {
+      const Stretch free = LongestFree(is_done);
+      if (free.size() == 0 || (free.size() < options.min_frames && !maps.empty())) break;
+      const auto pair = FindPairIn(initializer, frames, free, undistorter, num_threads);
+      if (!pair) {
+        std::fill(is_done.begin() + free.begin, is_done.begin() + free.end, 1);
+        continue;
+      }
+      spdlog::info("map {} starts from frames {} and {}: {} points, parallax {:.1f} deg",
+                   maps.size(), pair->frame_a, pair->frame_b, pair->points.size(),
+                   pair->parallax_deg);
+      under_way.growing = make_builder(TakenFrames(maps, frames.size()));
+      under_way.growing->Start(*pair);
     }
-    pair->frame_a += free.begin;
-    pair->frame_b += free.begin;
-    spdlog::info("map {} starts from frames {} and {}: {} points, parallax {:.1f} deg", maps.size(),
-                 pair->frame_a, pair->frame_b, pair->points.size(), pair->parallax_deg);
-    auto builder = make_builder(TakenFrames(maps, frames.size()));
-    builder->Start(*pair);
-    builder->Grow();
-    std::fill(done.begin() + pair->frame_a, done.begin() + pair->frame_b + 1, 1);
-    for (size_t i = 0; i < frames.size(); ++i) {
-      if (builder->tracks()[i].tracked) done[i] = 1;
-    }
-    maps.push_back(std::move(builder));
+    while (under_way.growing->GrowByOne()) after_frame();
+    MarkDone(*under_way.growing, is_done);
+    maps.push_back(std::move(under_way.growing));
   }
   SortBySize(maps);
-  return maps;
+  return std::move(maps);
 }
 
 int MergeSubmaps(const SubmapOptions& options, const LoopClosingOptions& loops,

@@ -128,6 +128,8 @@ TEST(ImageFile, WhatIsNoImageIsRefused) {
   };
   expect_error("", "empty");
   expect_error("hello", "not an image");
+  // What OpenCV's library for maps would take for a list of further files to open.
+  expect_error("<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\"></VRTDataset>", "not an image");
   EXPECT_THROW((void)ReadImageFile(dir / "absent.png", cv::IMREAD_ANYCOLOR), InputError);
 }
 

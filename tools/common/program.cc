@@ -1,12 +1,15 @@
 #include "common/program.h"
 
 #include <fmt/format.h>
+#include <sys/resource.h>
 
 #include <clocale>
+#include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <new>
+#include <opencv2/core.hpp>
 #include <sstream>
 
 #include "s3lam/base/error.h"
@@ -124,14 +127,15 @@ int RunParsed(int argc, char** argv, const Program& program) {
   return 0;
 }
 
-}  // namespace
-
-int RunProgram(int argc, char** argv, const Program& program) {
-  std::setlocale(LC_ALL, "C");
+/// The exit code, after one line on stderr about what went wrong. `out_of_memory` is set if that
+/// was it.
+int RunAndExplain(int argc, char** argv, const Program& program, bool& out_of_memory) {
   const auto fail = [&](int code, const char* what) {
     fmt::print(stderr, "{}: {}\n", program.name, OneLine(what));
     return code;
   };
+  constexpr const char* kOutOfMemory =
+      "out of memory: give it more (ulimit -v, container), or less to do";
   try {
     return RunParsed(argc, argv, program);
   } catch (const UsageError& error) {
@@ -141,12 +145,33 @@ int RunProgram(int argc, char** argv, const Program& program) {
   } catch (const InputError& error) {
     return fail(kBadInput, error.what());
   } catch (const std::bad_alloc&) {
-    fail(kFailed, "out of memory: give it more (ulimit -v, container), or less to do");
-    // Not by way of exit handlers: OpenBLAS's waits for threads that try for memory for ever.
-    std::_Exit(kFailed);
+    out_of_memory = true;
+    return fail(kFailed, kOutOfMemory);
+  } catch (const cv::Exception& error) {
+    out_of_memory = error.code == cv::Error::StsNoMem;
+    return fail(kFailed, out_of_memory ? kOutOfMemory : error.what());
   } catch (const std::exception& error) {
     return fail(kFailed, error.what());
   }
+}
+
+bool IsAddressSpaceLimited() {
+  rlimit limit{};
+  return getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
+}
+
+}  // namespace
+
+int RunProgram(int argc, char** argv, const Program& program) {
+  std::setlocale(LC_ALL, "C");
+  bool out_of_memory = false;
+  const int code = RunAndExplain(argc, argv, program, out_of_memory);
+  // Not by way of exit handlers: OpenBLAS's waits for threads that try for memory for ever.
+  if (out_of_memory || IsAddressSpaceLimited()) {
+    std::fflush(nullptr);
+    std::_Exit(code);
+  }
+  return code;
 }
 
 nlohmann::json ReadConfigFile(const CommonArguments& common) {

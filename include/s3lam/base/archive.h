@@ -43,6 +43,8 @@ auto* Coefficients(T& value) {
 
 class ArchiveWriter {
  public:
+  static constexpr bool kReads = false;
+
   template <typename... T>
   void operator()(const T&... values) {
     (Put(values), ...);
@@ -82,6 +84,8 @@ class ArchiveWriter {
 /// Throws std::runtime_error where the bytes end too early.
 class ArchiveReader {
  public:
+  static constexpr bool kReads = true;
+
   explicit ArchiveReader(std::string_view bytes) : bytes_(bytes) {}
 
   template <typename... T>

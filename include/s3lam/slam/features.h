@@ -29,6 +29,11 @@ struct Keypoint {
   float angle = 0.0F;           // rad
   float sigma = 1.0F;           // Standard deviation of the position, both axes [px]
   uint8_t level = 0;            // Of the image pyramid, 0 is the full image.
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(pixel, undistorted, angle, sigma, level);
+  }
 };
 
 /// Maps pixels of a distorted camera to an undistorted one with the same focal lengths and
@@ -77,6 +82,11 @@ class FrameFeatures {
   void Undistort(const Undistorter& undistorter);
   /// Corrects a keypoint's place by a fraction of a pixel (the grid stays as it is).
   void Move(int i, const Eigen::Vector2d& pixel, const Eigen::Vector2d& undistorted, double sigma);
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(keypoints_, descriptors_, lower_, cells_per_px_, cell_begin_, cell_members_);
+  }
 
   /// Calls visit(i) for the keypoints whose undistorted position is within `radius` px of `center`
   /// (a square) and whose level is in [min_level, max_level].

@@ -25,6 +25,11 @@ struct InitialPoint {
   int keypoint_a = -1;
   int keypoint_b = -1;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // In camera a, median depth 1.
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(keypoint_a, keypoint_b, position);
+  }
 };
 
 /// Two frames from which a map can start.
@@ -37,6 +42,12 @@ struct InitialPair {
   double low_parallax_deg = 0.0;     // and what four fifths of them have.
   double mean_squared_error = 0.0;   // Over all tracks and views, in sigma, capped,
   double rotation_only_error = 0.0;  // and the same without any parallax.
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(frame_a, frame_b, b_from_a.rotation, b_from_a.translation, points, parallax_deg,
+            low_parallax_deg, mean_squared_error, rotation_only_error);
+  }
 };
 
 /// Looks for the best pair to start from, trying starting frames spread over the whole sequence in

@@ -32,6 +32,11 @@ struct LoopReport {
 struct LoopClosingReport {
   std::vector<LoopReport> closed;
   int num_rejected = 0;  // Closed on trial, and undone because the map did not bear it.
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(closed, num_rejected);
+  }
 };
 
 /// Looks, for every keyframe, for others that show the same place without being connected to it,

@@ -22,6 +22,12 @@ struct Keyframe {
   // Once removed, it moves with another keyframe.
   int anchor = kNoIndex;
   Rigid3 cam_from_anchor;
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(frame, cam_from_world.rotation, cam_from_world.translation, point_of_keypoint, alive,
+            anchor, cam_from_anchor.rotation, cam_from_anchor.translation);
+  }
 };
 
 struct MapObservation {
@@ -47,6 +53,12 @@ struct MapPoint {
   int num_found = 1;    // and those that did.
   int replaced_by = kNoIndex;
   bool alive = true;
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(position, observations, descriptor, view_direction, level0_distance, first_keyframe,
+            num_visible, num_found, replaced_by, alive);
+  }
 };
 
 class Map {
@@ -139,6 +151,12 @@ class Map {
   [[nodiscard]] int CountPoints(int keyframe, int min_observations) const;
   /// Median depth of a keyframe's points; 0 without any.
   [[nodiscard]] double MedianDepth(int keyframe) const;
+
+  /// Without the frames' features, which are the sequence's.
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(keyframes_, points_);
+  }
 
  private:
   std::vector<FrameFeatures>& frames_;

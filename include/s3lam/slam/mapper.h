@@ -48,6 +48,11 @@ class Mapper {
   /// Looks for these points in a keyframe; adds observations and merges what is the same.
   void FuseInto(Map& map, const std::vector<int>& points, int keyframe) const;
 
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(recent_points_);
+  }
+
  private:
   void CullRecentPoints(Map& map, int keyframe);
   void AdjustLocally(Map& map, int keyframe) const;

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "s3lam/base/step_store.h"
 #include "s3lam/optim/self_calibration.h"
 #include "s3lam/scene/descriptor.h"
 #include "s3lam/scene/frame_observations.h"
@@ -59,6 +60,10 @@ struct Input {
   std::function<cv::Mat(size_t)> read_color;  // 8-bit, one or three (BGR) channels
   std::function<cv::Mat(size_t)> read_mask;   // Optional: 8-bit, 0 where nothing may be used
   bool concurrent_reads = true;
+  /// Where the state is kept, for a run that can be gone on with: after each step and, while
+  /// tracking, as often as this [s].
+  StepStore* steps = nullptr;
+  double save_every_s = 30.0;
 };
 
 /// One map as it goes to disk.

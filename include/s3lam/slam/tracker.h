@@ -26,6 +26,12 @@ struct FrameTrack {
   Rigid3 cam_from_reference;
   std::vector<PointMatch> matches;  // Inliers.
   std::vector<int> missed;          // Points that should have been seen and were not.
+
+  template <typename A>
+  void Transfer(A& archive) {
+    archive(tracked, cam_from_world.rotation, cam_from_world.translation, reference_keyframe,
+            cam_from_reference.rotation, cam_from_reference.translation, matches, missed);
+  }
 };
 
 /// The pose of a tracked frame in the map as it is now.
