@@ -81,8 +81,10 @@ SemanticMap ReadSemantics(const fs::path& directory, const Reconstruction& model
   CheckSemanticMap(semantics, model, directory.string());
   const std::string fingerprint = FingerprintOfModel(model);
   if (semantics.model_fingerprint != fingerprint) {
-    ThrowInputError("{}: made from another model (its fingerprint is {}, the model's {})",
-                    directory.string(), semantics.model_fingerprint, fingerprint);
+    ThrowInputError(
+        "{}: made from another model (its fingerprint is {}, the model's {}): run s3-lift on this "
+        "one",
+        directory.string(), semantics.model_fingerprint, fingerprint);
   }
   return semantics;
 }

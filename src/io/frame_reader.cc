@@ -52,9 +52,11 @@ struct FrameReader::Impl {
     cv::Mat image = video ? video->Read(frame.index) : ReadImageFile(frame.path, imread_flags);
     const auto& camera = sequence.camera;
     if (camera && (image.cols != camera->width || image.rows != camera->height)) {
-      ThrowInputError("{}: image of {} x {} px, but the camera is for {} x {}",
-                      video ? frame.name : frame.path.string(), image.cols, image.rows,
-                      camera->width, camera->height);
+      ThrowInputError(
+          "{}: image of {} x {} px, but the camera is for {} x {}: give the calibration of these "
+          "images",
+          video ? frame.name : frame.path.string(), image.cols, image.rows, camera->width,
+          camera->height);
     }
     return image;
   }

@@ -73,7 +73,7 @@ NpyArray ParseNpy(std::string bytes, const std::string& source) {
                     HeaderValue(header, "descr", ','));
   }
   if (HeaderValue(header, "fortran_order", ',') != "False") {
-    ThrowInputError("{}: not in C order", source);
+    ThrowInputError("{}: not in C order; save numpy.ascontiguousarray of it", source);
   }
   const std::string shape = HeaderValue(header, "shape", ')');
   if (!ParseShape(shape, array.shape)) ThrowInputError("{}: malformed shape", source);

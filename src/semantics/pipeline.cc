@@ -134,7 +134,10 @@ LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable&
     observations = LookUpMasks(reconstruction, masks, options.lookup,
                                options.instances == InstanceMethod::kIou, options.num_threads);
     if (observations.frames.empty()) {
-      ThrowInputError("none of the model's {} images has a mask", reconstruction.images.size());
+      ThrowInputError(
+          "none of the model's {} images has a mask: a mask is named as its image (.png, .npy, "
+          ".npz)",
+          reconstruction.images.size());
     }
   }
   {

@@ -26,8 +26,10 @@ std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input
   ParallelFor(frames.size(), input.concurrent_reads ? options.num_threads : 1, [&](size_t i) {
     const cv::Mat gray = input.read_gray(i);
     if (gray.cols != input.camera.width || gray.rows != input.camera.height) {
-      ThrowInputError("{}: image is {} x {}, but the camera has {} x {}", input.names[i], gray.cols,
-                      gray.rows, input.camera.width, input.camera.height);
+      ThrowInputError(
+          "{}: image is {} x {}, but the camera is for {} x {}: give the calibration of these "
+          "images",
+          input.names[i], gray.cols, gray.rows, input.camera.width, input.camera.height);
     }
     const cv::Mat mask = input.read_mask ? input.read_mask(i) : cv::Mat();
     frames[i] = ExtractFeatures(options.features, undistorter, gray, mask);
@@ -284,7 +286,8 @@ Result Run(const Options& given, const Input& input) {
   const Options options = Effective(given);
   S3LAM_CHECK(input.times_s.size() == input.names.size());
   if (input.names.size() < 4)
-    ThrowInputError("a sequence of {} images is too short", input.names.size());
+    ThrowInputError("a sequence of {} images is too short: a map needs at least 4",
+                    input.names.size());
   RunState state{{}, Undistorter(input.camera), {}, {}, {}, {}, {}};
   StepTimes& seconds = state.report.seconds;
   {
