@@ -1,6 +1,5 @@
 #include "s3lam/io/keypoint_sigmas.h"
 
-#include <array>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
@@ -13,16 +12,15 @@
 namespace s3lam {
 namespace {
 
-constexpr std::array<char, 8> kMagic = {'S', '3', 'K', 'S', 'I', 'G', '0', '1'};
+constexpr std::string_view kMagic = "S3KSIG";
+constexpr std::string_view kVersion = "01";
 constexpr size_t kImageSize = sizeof(uint32_t) + sizeof(uint64_t);
 
 }  // namespace
 
 KeypointSigmas ReadKeypointSigmas(std::istream& stream, const std::string& source) {
   internal::BinaryReader reader(stream, source);
-  if (reader.remaining() < kMagic.size() || reader.Value<std::array<char, 8>>() != kMagic) {
-    ThrowInputError("{}: not a file of keypoint sigmas", source);
-  }
+  internal::ExpectHeader(reader, kMagic, kVersion, "keypoint sigmas", source);
   const uint64_t num_images = reader.Count(kImageSize, "images");
   KeypointSigmas sigmas;
   for (uint64_t i = 0; i < num_images; ++i) {
@@ -50,7 +48,7 @@ KeypointSigmas ReadKeypointSigmas(const std::filesystem::path& path) {
 
 void WriteKeypointSigmas(const KeypointSigmas& sigmas, std::ostream& stream) {
   internal::BinaryWriter writer(stream);
-  writer.Value(kMagic);
+  internal::WriteHeader(writer, kMagic, kVersion);
   writer.Value<uint64_t>(sigmas.size());
   for (const auto& [id, of_image] : sigmas) {
     writer.Value(id.value());

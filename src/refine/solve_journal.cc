@@ -22,7 +22,7 @@ void TransferVariables(Archive& archive, BundleProblem& problem) {
 std::string Fingerprint(BundleProblem& problem) {
   ArchiveWriter archive;
   TransferVariables(archive, problem);
-  for (const BundleObservation& o : problem.observations) archive(o.pose, o.point, o.pixel);
+  for (const BundleObservation& o : problem.observations) archive(o.pose, o.point, o.pixel, o.sigma);
   for (const PointOnPlane& p : problem.points_on_planes) archive(p.point, p.plane, p.sigma);
   Sha256 hash;
   hash.Update(archive.bytes());

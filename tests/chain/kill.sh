@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Kills each stage with SIGKILL at random moments and looks at what is left: the output folder has to
-# be the old one or the complete new one, and the next run has to succeed and to leave nothing else.
+# Kills each stage with SIGKILL at random moments, every second time once it has begun to write, and
+# looks at what is left: the output folder has to be the old one or the complete new one, and the next
+# run has to succeed and to leave nothing else.
 #
 #   tests/chain/kill.sh BIN_DIR CLASS_TABLE SCENE_DIR [N]
 #
@@ -46,6 +47,10 @@ for name in slam lift refine; do
     "${command[@]}" > /dev/null 2>&1 &
     pid=$!
     moment_ms=$((RANDOM % (took_ms + 20)))
+    if ((i % 2 == 1)); then
+      while kill -0 "$pid" 2> /dev/null && ! compgen -G "$place/.out.tmp-*/*" > /dev/null; do sleep 0.002; done
+      moment_ms=$((RANDOM % 40))
+    fi
     sleep "$(printf '%d.%03d' $((moment_ms / 1000)) $((moment_ms % 1000)))"
     kill -KILL "$pid" 2> /dev/null || true
     wait "$pid" 2> /dev/null || true

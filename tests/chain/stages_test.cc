@@ -141,7 +141,8 @@ TEST(Chain, ReportsSayWhatTheResultWasMadeOf) {
   EXPECT_EQ(lift["mask_json"]["sha256"], Sha256Of(ChainFolder("scene") / "panoptic_clean.json"));
   EXPECT_EQ(refine["semantics/semantics.json"]["sha256"],
             Sha256Of(ChainFolder("2_lift_clean") / "semantics.json"));
-  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin", "observations.bin"}) {
+  for (const char* name :
+       {"cameras.bin", "images.bin", "points3D.bin", "observations.bin", "keypoint_sigmas.bin"}) {
     const std::string input = std::string("model/") + name;
     EXPECT_EQ(refine[input]["sha256"], Sha256Of(ChainFolder("1_slam") / name)) << name;
     EXPECT_EQ(refine[input]["bytes"], std::filesystem::file_size(ChainFolder("1_slam") / name));

@@ -10,6 +10,7 @@
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/frame_observations.h"
+#include "s3lam/io/keypoint_sigmas.h"
 #include "s3lam/io/semantic_map_io.h"
 #include "support/temp_dir.h"
 
@@ -65,6 +66,9 @@ TEST(Truncation, FilesBesideTheModel) {
   ExpectRefusedWhereverCut(ChainFolder("1_slam"), "observations.bin", [](const fs::path& folder) {
     ReadFrameObservations(folder / "observations.bin");
   });
+  ExpectRefusedWhereverCut(
+      ChainFolder("1_slam"), "keypoint_sigmas.bin",
+      [](const fs::path& folder) { ReadKeypointSigmas(folder / "keypoint_sigmas.bin"); });
 }
 
 TEST(Truncation, SemanticMaps) {

@@ -51,6 +51,7 @@ TEST(KeypointSigmas, EveryTruncationIsAnError) {
 TEST(KeypointSigmas, DamageIsNamed) {
   const std::string whole = Written(SomeSigmas());
   ExpectError("S3OBSV01" + whole.substr(8), "not a file of keypoint sigmas");
+  ExpectError("S3KSIG02" + whole.substr(8), "version 02 is not known here (only 01)");
   ExpectError(whole + "x", "file");
   std::string damaged = whole;
   damaged[16] = 7;  // The first image's id.
