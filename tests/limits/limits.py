@@ -93,8 +93,9 @@ class Limits:
                 file.write(struct.pack("<I", i + 1) + pose + f"{i}.png\0".encode())
                 file.write(struct.pack("<Q", 0))
         (model / "points3D.bin").write_bytes(struct.pack("<Q", 0))
-        for name in ("keyframes.txt", "frames.txt", "observations.bin", "descriptors.bin"):
-            (model / name).unlink()
+        for path in model.iterdir():
+            if path.name not in ("cameras.bin", "images.bin", "points3D.bin"):
+                path.unlink()
         self.expect("60000 images without points", self.run("s3-refine", refine), [3], "60000 images")
 
     def lift(self, masks, classes, memory=None):
