@@ -54,6 +54,14 @@ Undistorter::Undistorter(const Camera& camera)
   }
 }
 
+size_t Undistorter::CellOf(const Eigen::Vector2d& undistorted, int columns, int rows) const {
+  const Eigen::Vector2d place = (undistorted - lower_).cwiseQuotient(upper_ - lower_);
+  const auto index = [](double share, int count) {
+    return std::clamp(static_cast<int>(share * count), 0, count - 1);
+  };
+  return static_cast<size_t>(index(place.y(), rows) * columns + index(place.x(), columns));
+}
+
 std::optional<Eigen::Vector2d> Undistorter::Undistort(const Eigen::Vector2d& pixel) const {
   const int column = std::clamp(static_cast<int>(pixel.x() / kTableSpacing + 0.5), 0, columns_ - 1);
   const int row = std::clamp(static_cast<int>(pixel.y() / kTableSpacing + 0.5), 0, rows_ - 1);
@@ -70,7 +78,9 @@ std::optional<Eigen::Vector2d> Undistorter::Undistort(const Eigen::Vector2d& pix
 FrameFeatures::FrameFeatures(std::vector<Keypoint> keypoints,
                              std::vector<BinaryDescriptor> descriptors,
                              const Undistorter& undistorter)
-    : keypoints_(std::move(keypoints)), descriptors_(std::move(descriptors)) {
+    : num_detected_(static_cast<int>(keypoints.size())),
+      keypoints_(std::move(keypoints)),
+      descriptors_(std::move(descriptors)) {
   BuildGrid(undistorter);
 }
 

@@ -17,14 +17,17 @@ namespace {
 
 constexpr int kMaxDescriptorDistance = 64;
 constexpr double kMaxRatio = 0.9;
-constexpr double kSearchRadius = 0.1;   // Of the image's longer side.
-constexpr int kMaxMissed = 2;           // Frames in a row that a track may miss.
-constexpr double kFirstFlow = 0.03;     // Median flow, of the longer side, that is worth a try.
-constexpr double kFlowGrowth = 1.4;     // Between tries.
-constexpr double kCappedError = 9.0;    // [sigma^2]
-constexpr int kNumViews = 4;            // First, two between, last.
-constexpr double kMinErrorGain = 2.5;   // Of a map over a mere rotation.
-constexpr double kGoodErrorGain = 6.0;  // From here on a map is beyond doubt; false ones reach 4.
+constexpr double kSearchRadius = 0.1;  // Of the image's longer side.
+constexpr int kMaxMissed = 2;          // Frames in a row that a track may miss.
+constexpr double kFirstFlow = 0.03;    // Median flow, of the longer side, that is worth a try.
+constexpr double kFlowGrowth = 1.4;    // Between tries.
+constexpr double kCappedError = 9.0;   // [sigma^2]
+constexpr int kRotationRounds = 3;
+constexpr int kNumViews = 4;  // First, two between, last.
+/// Of a map over a mere rotation. Depths alone, one more unknown to a track's eight coordinates,
+/// give 1.2 where there is no parallax, and chance 1.8 at the most.
+constexpr double kMinErrorGain = 2.5;
+constexpr double kGoodErrorGain = 6.0;  // The depth of a typical track is known to a fifth.
 constexpr size_t kStartsAtOnce = 8;     // A fixed number, so that threads change nothing.
 constexpr double kLowQuantile = 0.2;    // Of the parallaxes: also what is far must be seen well.
 constexpr double kDegrees = 180.0 / std::numbers::pi;
@@ -180,32 +183,67 @@ class PairEvaluator {
     return point_of_track;
   }
 
-  /// Mean squared error, in sigma and capped, of the best rotations from the first view to the
-  /// others: what the tracks would look like without any parallax.
+  /// Mean squared error, in sigma and capped, of the rotations and directions that fit the tracks
+  /// best: what is left of them without any parallax.
   [[nodiscard]] double RotationOnlyError() const {
+    std::vector<Eigen::Vector3d> directions;  // Per track, in the first view.
+    for (const Track* track : tracks_) directions.push_back(Bearing(*Pixel(*track, 0)));
+    std::array<Rigid3, kNumViews> turns;
+    for (int round = 0; round < kRotationRounds; ++round) {
+      for (int view = 0; view < kNumViews; ++view) turns[view] = FitTurn(directions, view);
+      directions = MeanDirections(turns);
+    }
     double sum = 0.0;
     size_t count = 0;
-    for (int view = 1; view < kNumViews; ++view) {
-      std::vector<Eigen::Vector3d> from;
-      std::vector<Eigen::Vector3d> to;
-      std::vector<Eigen::Vector2d> pixels;
-      std::vector<double> inverse_sigmas;
-      for (const Track* track : tracks_) {
-        const auto pixel = Pixel(*track, view);
+    for (int view = 0; view < kNumViews; ++view) {
+      for (size_t t = 0; t < tracks_.size(); ++t) {
+        const auto pixel = Pixel(*tracks_[t], view);
         if (!pixel) continue;
-        from.push_back(camera_.Normalize(*Pixel(*track, 0)).homogeneous().normalized());
-        to.push_back(camera_.Normalize(*pixel).homogeneous().normalized());
-        pixels.push_back(*pixel);
-        inverse_sigmas.push_back(InverseSigma(*track, view));
-      }
-      const Rigid3 turn = FitRotation(from, to, pixels, inverse_sigmas);
-      for (size_t i = 0; i < from.size(); ++i) {
-        sum += std::min(SquaredError(camera_, turn, from[i], pixels[i], inverse_sigmas[i]),
+        sum += std::min(SquaredError(camera_, turns[view], directions[t], *pixel,
+                                     InverseSigma(*tracks_[t], view)),
                         kCappedError);
         ++count;
       }
     }
     return count > 0 ? sum / static_cast<double>(count) : 0.0;
+  }
+
+  [[nodiscard]] Eigen::Vector3d Bearing(const Eigen::Vector2d& pixel) const {
+    return camera_.Normalize(pixel).homogeneous().normalized();
+  }
+
+  /// Where each track points to in the first view, averaged over all views.
+  [[nodiscard]] std::vector<Eigen::Vector3d> MeanDirections(
+      const std::array<Rigid3, kNumViews>& turns) const {
+    std::vector<Eigen::Vector3d> directions(tracks_.size(), Eigen::Vector3d::Zero());
+    for (int view = 0; view < kNumViews; ++view) {
+      for (size_t t = 0; t < tracks_.size(); ++t) {
+        const auto pixel = Pixel(*tracks_[t], view);
+        if (!pixel) continue;
+        const double inverse_sigma = InverseSigma(*tracks_[t], view);
+        directions[t] +=
+            inverse_sigma * inverse_sigma * (turns[view].rotation.conjugate() * Bearing(*pixel));
+      }
+    }
+    for (Eigen::Vector3d& direction : directions) direction.normalize();
+    return directions;
+  }
+
+  /// The rotation from these directions to what a view sees.
+  [[nodiscard]] Rigid3 FitTurn(const std::vector<Eigen::Vector3d>& directions, int view) const {
+    std::vector<Eigen::Vector3d> from;
+    std::vector<Eigen::Vector3d> to;
+    std::vector<Eigen::Vector2d> pixels;
+    std::vector<double> inverse_sigmas;
+    for (size_t t = 0; t < tracks_.size(); ++t) {
+      const auto pixel = Pixel(*tracks_[t], view);
+      if (!pixel) continue;
+      from.push_back(directions[t]);
+      to.push_back(Bearing(*pixel));
+      pixels.push_back(*pixel);
+      inverse_sigmas.push_back(InverseSigma(*tracks_[t], view));
+    }
+    return FitRotation(from, to, pixels, inverse_sigmas);
   }
 
   /// Rotation that takes bearings to bearings, fitted again to the half that agrees best.

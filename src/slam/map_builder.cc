@@ -57,6 +57,7 @@ void MapBuilder::Start(const InitialPair& pair) {
   }
   mapper_.TriangulateNewPoints(map_, b, 1);
   mapper_.AdjustGlobally(map_, 2, 1);
+  BeginLeg(pair.frame_a, +1);  // Last, between the two: the motion need not be even there.
   BeginLeg(pair.frame_a, -1);
   BeginLeg(pair.frame_b, +1);
 }
@@ -100,7 +101,7 @@ bool MapBuilder::TrackFrame(int frame, int direction) {
   track.missed.clear();
   track.missed.shrink_to_fit();
   const bool needs_keyframe =
-      tracker_.NeedsKeyframe(map_, track, std::abs(frame - last_keyframe_frame_));
+      tracker_.NeedsKeyframe(map_, frame, track, std::abs(frame - last_keyframe_frame_));
   tracks_[frame] = std::move(track);
   if (needs_keyframe) MakeKeyframe(frame);
   return true;
@@ -166,8 +167,6 @@ bool MapBuilder::BranchAnew() {
   while (next_to_recognize_ < static_cast<int>(frames_.size())) {
     const int frame = next_to_recognize_;
     next_to_recognize_ += kRecoverStep;
-    // Those inside the initial pair are well held by it, and are localised when the map is done.
-    if (frame > initial_.frame_a && frame < initial_.frame_b) continue;
     if (!IsFree(frame) || !Recognize(frame)) continue;
     BeginLeg(frame, +1);
     BeginLeg(frame, -1);

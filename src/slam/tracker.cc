@@ -1,6 +1,7 @@
 #include "s3lam/slam/tracker.h"
 
 #include <algorithm>
+#include <array>
 #include <numeric>
 
 #include "s3lam/optim/pose_refinement.h"
@@ -14,6 +15,9 @@ constexpr int kMinPoseInliers = 12;
 constexpr int kNeighboursOfKeyframe = 5;
 constexpr double kDescriptorRatio = 0.8;
 constexpr double kRansacThresholdPx = 4.0;
+constexpr int kCoverageColumns = 8;
+constexpr int kCoverageRows = 6;
+constexpr int kMinCellKeypoints = 5;  // Fewer say little about what the map lacks there.
 
 /// Keyframes that see the matched points, most first, and the neighbours of the best of them.
 std::vector<int> LocalKeyframes(const Map& map, const std::vector<PointMatch>& matches,
@@ -81,6 +85,10 @@ void TrackerOptions::Visit(OptionVisitor& v) {
   v.Value("keyframe_ratio", keyframe_ratio,
           "a frame that sees a smaller share of its reference keyframe's points becomes a keyframe",
           0.05, 1.0);
+  v.Value("min_coverage", min_coverage,
+          "a frame becomes a keyframe where the map covers a smaller share of the parts of the "
+          "image that have keypoints",
+          0.0, 1.0);
   v.Value("max_keyframe_gap", max_keyframe_gap, "frames between keyframes at the most", 1, 100000);
 }
 
@@ -238,9 +246,30 @@ FrameTrack Tracker::TrackLocalMap(const Map& map, int frame, const Rigid3& cam_f
   return track;
 }
 
-bool Tracker::NeedsKeyframe(const Map& map, const FrameTrack& track,
+double Tracker::Coverage(const FrameFeatures& features,
+                         const std::vector<PointMatch>& matches) const {
+  std::array<int, kCoverageColumns * kCoverageRows> keypoints{};
+  std::array<bool, kCoverageColumns * kCoverageRows> matched{};
+  const auto cell_of = [&](int keypoint) {
+    return undistorter_.CellOf(features.keypoint(keypoint).undistorted.cast<double>(),
+                               kCoverageColumns, kCoverageRows);
+  };
+  for (int i = 0; i < features.size(); ++i) ++keypoints[cell_of(i)];
+  for (const PointMatch& match : matches) matched[cell_of(match.keypoint)] = true;
+  int textured = 0;
+  int covered = 0;
+  for (size_t cell = 0; cell < keypoints.size(); ++cell) {
+    if (keypoints[cell] < kMinCellKeypoints) continue;
+    ++textured;
+    covered += matched[cell] ? 1 : 0;
+  }
+  return textured > 0 ? static_cast<double>(covered) / textured : 1.0;
+}
+
+bool Tracker::NeedsKeyframe(const Map& map, int frame, const FrameTrack& track,
                             int frames_since_keyframe) const {
   if (frames_since_keyframe >= options_.max_keyframe_gap) return true;
+  if (Coverage(map.frame(frame), track.matches) < options_.min_coverage) return true;
   const int min_observations = map.num_keyframes() > 2 ? 3 : 2;
   const int of_reference = map.CountPoints(track.reference_keyframe, min_observations);
   return static_cast<double>(track.matches.size()) < options_.keyframe_ratio * of_reference;

@@ -48,6 +48,9 @@ class Undistorter {
   /// Bounding box of the undistorted image [px].
   [[nodiscard]] const Eigen::Vector2d& lower() const { return lower_; }
   [[nodiscard]] const Eigen::Vector2d& upper() const { return upper_; }
+  /// Cell of a grid of columns x rows over the undistorted image, row by row; the nearest one for
+  /// what lies outside.
+  [[nodiscard]] size_t CellOf(const Eigen::Vector2d& undistorted, int columns, int rows) const;
   /// Empty where the distortion cannot be inverted.
   [[nodiscard]] std::optional<Eigen::Vector2d> Undistort(const Eigen::Vector2d& pixel) const;
 
@@ -73,6 +76,8 @@ class FrameFeatures {
                 const Undistorter& undistorter);
 
   [[nodiscard]] int size() const { return static_cast<int>(keypoints_.size()); }
+  /// The first so many were detected in the image; the others were added, see Add.
+  [[nodiscard]] int num_detected() const { return num_detected_; }
   [[nodiscard]] const Keypoint& keypoint(int i) const { return keypoints_[i]; }
   [[nodiscard]] const BinaryDescriptor& descriptor(int i) const { return descriptors_[i]; }
   /// Appends a keypoint and returns its index; BuildGrid makes it visible to VisitNear.
@@ -85,7 +90,8 @@ class FrameFeatures {
 
   template <typename A>
   void Transfer(A& archive) {
-    archive(keypoints_, descriptors_, lower_, cells_per_px_, cell_begin_, cell_members_);
+    archive(num_detected_, keypoints_, descriptors_, lower_, cells_per_px_, cell_begin_,
+            cell_members_);
   }
 
   /// Calls visit(i) for the keypoints whose undistorted position is within `radius` px of `center`
@@ -101,6 +107,7 @@ class FrameFeatures {
   [[nodiscard]] int Column(double x) const;
   [[nodiscard]] int Row(double y) const;
 
+  int num_detected_ = 0;
   std::vector<Keypoint> keypoints_;
   std::vector<BinaryDescriptor> descriptors_;
   Eigen::Vector2f lower_ = Eigen::Vector2f::Zero();

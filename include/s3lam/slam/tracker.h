@@ -13,6 +13,7 @@ struct TrackerOptions {
   int min_inliers = 25;
   int max_local_keyframes = 25;
   double keyframe_ratio = 0.85;
+  double min_coverage = 0.8;
   int max_keyframe_gap = 30;
 
   void Visit(OptionVisitor& v);
@@ -60,8 +61,11 @@ class Tracker {
   FrameTrack TrackNear(const Map& map, int frame, const FrameTrack& near,
                        const Rigid3& guess) const;
 
-  /// Does the map need this frame as a keyframe?
-  [[nodiscard]] bool NeedsKeyframe(const Map& map, const FrameTrack& track,
+  /// Does the map need this frame as a keyframe: does it see too few of the points of its reference
+  /// keyframe, or is there too little of the map in parts of the image that have keypoints? The
+  /// second is what tells when the camera turns to what is not mapped yet: the number of matches
+  /// may still be high then, all of them on one side, where they hold the pose badly.
+  [[nodiscard]] bool NeedsKeyframe(const Map& map, int frame, const FrameTrack& track,
                                    int frames_since_keyframe) const;
 
  private:
@@ -69,6 +73,9 @@ class Tracker {
                                                       const FrameTrack& last,
                                                       const Rigid3& predicted,
                                                       double radius_px) const;
+  /// Share of the cells of a grid over the image with keypoints in which there is a match.
+  [[nodiscard]] double Coverage(const FrameFeatures& features,
+                                const std::vector<PointMatch>& matches) const;
   /// Refines a pose with matches and keeps the inliers among them.
   int Refine(const Map& map, int frame, Rigid3& cam_from_world,
              std::vector<PointMatch>& matches) const;
