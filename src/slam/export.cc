@@ -9,17 +9,6 @@
 namespace s3lam::slam {
 namespace {
 
-/// Keyframes in the order of their frames.
-std::vector<int> KeyframesInTime(const Map& map) {
-  std::vector<int> keyframes;
-  for (int k = 0; k < map.num_keyframes(); ++k) {
-    if (map.keyframe(k).alive) keyframes.push_back(k);
-  }
-  std::sort(keyframes.begin(), keyframes.end(),
-            [&](int a, int b) { return map.keyframe(a).frame < map.keyframe(b).frame; });
-  return keyframes;
-}
-
 ImageId ImageOfFrame(int frame) { return ImageId(static_cast<uint32_t>(frame) + 1); }
 
 /// Images with all their keypoints, at the pixels where they were found.
@@ -131,7 +120,7 @@ void AddTrajectories(const Input& input, const std::vector<FrameTrack>& localize
 Model Export(const Input& input, const Camera& camera, const Map& map,
              const std::vector<FrameTrack>& localized) {
   Model model;
-  AddImages(input, camera, map, KeyframesInTime(map), model);
+  AddImages(input, camera, map, map.KeyframesInTime(), model);
   const std::vector<PointId> point_ids = AddPoints(map, model);
   AddFrameObservations(input, map, localized, point_ids, model);
   AddColors(input, model.reconstruction);
@@ -170,22 +159,17 @@ FrameReport DescribeFrame(const Undistorter& undistorter, const Map& map, int fr
   report.num_inliers = static_cast<int>(track.matches.size());
   std::array<bool, kCells * kCells> covered{};
   double squared = 0.0;
-  const Eigen::Vector2d size = undistorter.upper() - undistorter.lower();
   for (const PointMatch& match : track.matches) {
     const Keypoint& keypoint = map.frame(frame).keypoint(match.keypoint);
     const Eigen::Vector2d xy = keypoint.undistorted.cast<double>();
     squared += SquaredError(undistorter.intrinsics(), track.cam_from_world,
                             map.point(match.point).position, xy, 1.0 / keypoint.sigma);
-    const Eigen::Vector2d cell = (xy - undistorter.lower()).cwiseQuotient(size) * kCells;
-    const int column = std::clamp(static_cast<int>(cell.x()), 0, kCells - 1);
-    const int row = std::clamp(static_cast<int>(cell.y()), 0, kCells - 1);
-    covered[static_cast<size_t>(row * kCells + column)] = true;
+    covered[undistorter.CellOf(xy, kCells, kCells)] = true;
   }
   report.spread = static_cast<double>(std::count(covered.begin(), covered.end(), true)) /
                   static_cast<double>(covered.size());
   // Two measurements a point.
   if (!track.matches.empty()) report.rms_sigma = std::sqrt(squared / (2.0 * report.num_inliers));
-  report.trust = FrameTrust(report.num_inliers, report.spread, report.rms_sigma);
   return report;
 }
 

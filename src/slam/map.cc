@@ -171,6 +171,13 @@ std::vector<int> Map::AliveKeyframes() const {
   return alive;
 }
 
+std::vector<int> Map::KeyframesInTime() const {
+  std::vector<int> keyframes = AliveKeyframes();
+  std::sort(keyframes.begin(), keyframes.end(),
+            [&](int a, int b) { return keyframes_[a].frame < keyframes_[b].frame; });
+  return keyframes;
+}
+
 size_t Map::NumObservations() const {
   size_t count = 0;
   for (const MapPoint& point : points_) count += point.observations.size();

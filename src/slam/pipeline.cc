@@ -241,11 +241,15 @@ std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, cons
 }
 
 void AddFrames(const Undistorter& undistorter, const Map& map, int model,
-               const std::vector<FrameTrack>& localized, Report& report) {
+               const std::vector<FrameTrack>& localized, const std::vector<double>& contradictions,
+               Report& report) {
   for (int i = 0; i < static_cast<int>(localized.size()); ++i) {
     if (!localized[i].tracked) continue;
-    report.frames[i] = DescribeFrame(undistorter, map, i, localized[i]);
-    report.frames[i].map = model;
+    FrameReport& frame = report.frames[i];
+    frame = DescribeFrame(undistorter, map, i, localized[i]);
+    frame.map = model;
+    frame.contradiction = contradictions[i];
+    frame.trust = FrameTrust(frame);
   }
   for (const int k : map.AliveKeyframes()) report.frames[map.keyframe(k).frame].is_keyframe = true;
 }
@@ -266,6 +270,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("second_pass", second_pass, "what knowing the whole map adds");
   v.Group("focal_search", focal_search, "of a camera that is not known");
   v.Group("self_calibration", self_calibration, "refinement of the lens distortion");
+  v.Group("two_view_check", two_view_check, "signs that a map is bent, for the report");
   v.Value("min_localization_inliers", min_localization_inliers,
           "points that a frame must see in the final map to be localised", 6, 10000);
   v.Value("global_rounds", global_rounds,
@@ -342,6 +347,16 @@ Result Run(const Options& given, const Input& input) {
     const ScopedStep step(seconds, "localising all frames");
     localized = LocalizeInMaps(options, maps, state.frames.size());
   }
+  std::vector<std::vector<double>> contradictions;
+  {
+    const ScopedStep step(seconds, "two-view check");
+    for (const auto& builder : maps) {
+      contradictions.push_back(
+          ContradictionOfFrames(CheckTwoViews(options.two_view_check, builder->map(),
+                                              state.undistorter, options.num_threads),
+                                state.frames.size()));
+    }
+  }
   const ScopedStep step(seconds, "export");
   Result result;
   Report& report = state.report;
@@ -352,7 +367,7 @@ Result Run(const Options& given, const Input& input) {
     result.models.push_back(Export(input, state.undistorter.camera(), map, localized[m]));
     report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
     report.maps[m].loops = std::move(state.loops[m]);
-    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], report);
+    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], contradictions[m], report);
   }
   if (report.focal && !report.focal->IsDetermined()) {
     spdlog::warn(

@@ -9,6 +9,7 @@ namespace {
 constexpr int kEnoughInliers = 60;
 constexpr double kEnoughSpread = 0.5;
 constexpr double kMaxRelativeFocalSigma = 0.01;
+constexpr double kRefuted = 0.04;  // Right maps stay below a quarter of this.
 constexpr double kGoodTrust = 0.5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 
@@ -108,6 +109,7 @@ nlohmann::json ToJson(const FrameReport& frame) {
           {"inliers", frame.num_inliers},
           {"spread", frame.spread},
           {"rms_sigma", frame.rms_sigma},
+          {"contradiction", frame.contradiction},
           {"trust", frame.trust}};
 }
 
@@ -122,9 +124,10 @@ nlohmann::json ToJsonArray(const std::vector<T>& items) {
 
 bool FocalReport::IsDetermined() const { return sigma <= kMaxRelativeFocalSigma * refined; }
 
-double FrameTrust(int num_inliers, double spread, double rms_sigma) {
-  return std::min(1.0, static_cast<double>(num_inliers) / kEnoughInliers) *
-         std::min(1.0, spread / kEnoughSpread) / std::max(1.0, rms_sigma);
+double FrameTrust(const FrameReport& frame) {
+  return std::min(1.0, static_cast<double>(frame.num_inliers) / kEnoughInliers) *
+         std::min(1.0, frame.spread / kEnoughSpread) / std::max(1.0, frame.rms_sigma) *
+         std::max(0.0, 1.0 - frame.contradiction / kRefuted);
 }
 
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames) {

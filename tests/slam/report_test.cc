@@ -18,12 +18,22 @@ std::vector<FrameReport> MakeFrames(std::initializer_list<std::tuple<int, int, d
   return frames;
 }
 
-TEST(FrameTrust, FallsWithFewPointsInOneCornerThatFitBadly) {
-  EXPECT_EQ(FrameTrust(300, 1.0, 0.7), 1.0);
-  EXPECT_NEAR(FrameTrust(30, 1.0, 0.7), 0.5, 1e-12);
-  EXPECT_NEAR(FrameTrust(300, 0.25, 0.7), 0.5, 1e-12);
-  EXPECT_NEAR(FrameTrust(300, 1.0, 2.0), 0.5, 1e-12);
-  EXPECT_EQ(FrameTrust(0, 0.0, 0.0), 0.0);
+TEST(FrameTrust, FallsWithFewPointsInOneCornerThatFitBadlyOrContradictions) {
+  const auto trust = [](int inliers, double spread, double rms_sigma, double contradiction) {
+    FrameReport frame;
+    frame.num_inliers = inliers;
+    frame.spread = spread;
+    frame.rms_sigma = rms_sigma;
+    frame.contradiction = contradiction;
+    return FrameTrust(frame);
+  };
+  EXPECT_EQ(trust(300, 1.0, 0.7, 0.0), 1.0);
+  EXPECT_NEAR(trust(30, 1.0, 0.7, 0.0), 0.5, 1e-12);
+  EXPECT_NEAR(trust(300, 0.25, 0.7, 0.0), 0.5, 1e-12);
+  EXPECT_NEAR(trust(300, 1.0, 2.0, 0.0), 0.5, 1e-12);
+  EXPECT_NEAR(trust(300, 1.0, 0.7, 0.02), 0.5, 1e-12);
+  EXPECT_EQ(trust(300, 1.0, 0.7, 0.3), 0.0);
+  EXPECT_EQ(trust(0, 0.0, 0.0, 0.0), 0.0);
 }
 
 TEST(Stretches, AreCutWhereMapOrTrustChange) {

@@ -138,6 +138,8 @@ class Map {
   /// Everything a keyframe sees, by ascending keypoint.
   [[nodiscard]] std::vector<PointMatch> MatchesOf(int keyframe) const;
   [[nodiscard]] std::vector<int> AliveKeyframes() const;
+  /// The same in the order of their frames.
+  [[nodiscard]] std::vector<int> KeyframesInTime() const;
   [[nodiscard]] size_t NumObservations() const;
   /// The alive keyframe that a removed one moves with; itself while it is alive.
   [[nodiscard]] int AnchorOf(int keyframe) const;

@@ -20,6 +20,7 @@
 #include "s3lam/slam/second_pass.h"
 #include "s3lam/slam/submaps.h"
 #include "s3lam/slam/tracker.h"
+#include "s3lam/slam/two_view_check.h"
 
 namespace s3lam::slam {
 
@@ -38,6 +39,7 @@ struct Options {
   SecondPassOptions second_pass;
   FocalSearchOptions focal_search;
   SelfCalibrationOptions self_calibration;
+  TwoViewCheckOptions two_view_check;
   int min_localization_inliers = 15;
   int global_rounds = 5;
   int num_threads = 0;  // Not a configuration value: results do not depend on it.

@@ -14,10 +14,11 @@ namespace s3lam::slam {
 struct FrameReport {
   int map = -1;  // Of Result::models; negative if it is not localised.
   bool is_keyframe = false;
-  int num_inliers = 0;     // Points seen.
-  double spread = 0.0;     // Share of the image, by cells of a grid, that they cover.
-  double rms_sigma = 0.0;  // Their reprojection error in standard deviations.
-  double trust = 0.0;      // In [0, 1], see FrameTrust.
+  int num_inliers = 0;         // Points seen.
+  double spread = 0.0;         // Share of the image, by cells of a grid, that they cover.
+  double rms_sigma = 0.0;      // Their reprojection error in standard deviations.
+  double contradiction = 0.0;  // Of the map by two views around it, see TwoViewCheck.
+  double trust = 0.0;          // In [0, 1], see FrameTrust.
 
   [[nodiscard]] bool localized() const { return map >= 0; }
 };
@@ -73,9 +74,10 @@ struct Report {
 };
 nlohmann::json ToJson(const Report& report);
 
-/// Product of three factors that are one where nothing is in doubt: points seen / 60, share of the
-/// image they cover / 0.5, 1 / reprojection RMS in sigma, each at most one.
-double FrameTrust(int num_inliers, double spread, double rms_sigma);
+/// Product of four factors that are one where nothing is in doubt: points seen / 60, share of the
+/// image they cover / 0.5, 1 / reprojection RMS in sigma, each at most one, and 1 - contradiction
+/// / 0.04, at least zero.
+double FrameTrust(const FrameReport& frame);
 
 /// Cuts the sequence where the map changes, and where the trust crosses one half for more than a
 /// few frames.

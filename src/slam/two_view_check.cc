@@ -1,0 +1,147 @@
+#include "s3lam/slam/two_view_check.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <optional>
+
+#include "s3lam/base/parallel.h"
+#include "s3lam/robust/relative_pose.h"
+#include "s3lam/slam/matcher.h"
+
+namespace s3lam {
+namespace {
+
+/// In keyframes, along the sequence: far enough for what bends to show, near enough for matches.
+constexpr std::array<size_t, 3> kSteps{2, 4, 8};
+/// Wrong matches that a motion fitted to the matches can always explain: its degrees of freedom.
+constexpr int kMotionFreedoms = 5;
+constexpr double kChi2 = 3.841;  // 95 %, 1 degree of freedom.
+constexpr double kDescriptorRatio = 0.8;
+constexpr double kRansacThresholdPx = 2.0;
+
+Eigen::Matrix3d Essential(const Rigid3& b_from_a) {
+  const Eigen::Vector3d& t = b_from_a.translation;
+  Eigen::Matrix3d cross;
+  cross << 0.0, -t.z(), t.y(), t.z(), 0.0, -t.x(), -t.y(), t.x(), 0.0;
+  return cross * b_from_a.rotation.toRotationMatrix();
+}
+
+/// Keypoints of two keyframes that look alike.
+class Matches {
+ public:
+  Matches(const Map& map, const PinholeIntrinsics& camera, int keyframe_a, int keyframe_b) {
+    const FrameFeatures& a = map.features(keyframe_a);
+    const FrameFeatures& b = map.features(keyframe_b);
+    std::vector<PointMatch> kept;  // Keypoint of a, keypoint of b.
+    std::vector<float> turns;
+    for (const KeypointMatch& match : MatchDescriptors(
+             a, b, Detected(a), Detected(b), kStrictDescriptorDistance, kDescriptorRatio)) {
+      kept.push_back({match.a, match.b});
+      turns.push_back(a.keypoint(match.a).angle - b.keypoint(match.b).angle);
+    }
+    KeepConsistentRotations(turns, kept);
+    const double focal = 0.5 * (camera.fx + camera.fy);
+    for (const PointMatch& match : kept) {
+      const Keypoint& in_a = a.keypoint(match.keypoint);
+      const Keypoint& in_b = b.keypoint(match.point);
+      in_a_.push_back(camera.Normalize(in_a.undistorted.cast<double>()));
+      in_b_.push_back(camera.Normalize(in_b.undistorted.cast<double>()));
+      sigmas_.push_back(std::max(map.sigma(in_a.level), map.sigma(in_b.level)) / focal);
+    }
+    threshold_ = kRansacThresholdPx / focal;
+  }
+
+  [[nodiscard]] int size() const { return static_cast<int>(sigmas_.size()); }
+
+  /// Matches that a motion explains, by their Sampson distance.
+  [[nodiscard]] int CountExplained(const Rigid3& b_from_a) const {
+    const Eigen::Matrix3d essential = Essential(b_from_a);
+    int count = 0;
+    for (size_t i = 0; i < sigmas_.size(); ++i) {
+      const Eigen::Vector3d a = in_a_[i].homogeneous();
+      const Eigen::Vector3d b = in_b_[i].homogeneous();
+      const Eigen::Vector3d line_b = essential * a;
+      const Eigen::Vector3d line_a = essential.transpose() * b;
+      const double error = b.dot(line_b);
+      const double gradient = line_a.head<2>().squaredNorm() + line_b.head<2>().squaredNorm();
+      count += error * error <= kChi2 * sigmas_[i] * sigmas_[i] * gradient ? 1 : 0;
+    }
+    return count;
+  }
+
+  /// The motion that explains the most of them need not be the right one: how many it explains is
+  /// all that is asked.
+  [[nodiscard]] int CountExplainedByBest() const {
+    int best = 0;
+    for (const Rigid3& motion : RelativePoseCandidates(in_a_, in_b_, threshold_)) {
+      best = std::max(best, CountExplained(motion));
+    }
+    return best;
+  }
+
+ private:
+  /// Those that were detected in the image, without what the map led to.
+  static std::vector<int> Detected(const FrameFeatures& features) {
+    std::vector<int> keypoints(static_cast<size_t>(features.num_detected()));
+    std::iota(keypoints.begin(), keypoints.end(), 0);
+    return keypoints;
+  }
+
+  std::vector<Eigen::Vector2d> in_a_;  // Normalised.
+  std::vector<Eigen::Vector2d> in_b_;
+  std::vector<double> sigmas_;  // Normalised.
+  double threshold_ = 0.0;
+};
+
+}  // namespace
+
+void TwoViewCheckOptions::Visit(OptionVisitor& v) {
+  v.Value("enabled", enabled, "compare the map with pairs of keyframes matched without it");
+  v.Value("min_matches", min_matches, "of a pair that can tell", 8, 10000);
+}
+
+double TwoViewCheck::Contradiction() const {
+  const int excess = num_of_best - num_of_map - kMotionFreedoms;
+  return excess > 0 ? static_cast<double>(excess) / num_of_best : 0.0;
+}
+
+std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, const Map& map,
+                                        const Undistorter& undistorter, int num_threads) {
+  if (!options.enabled) return {};
+  const std::vector<int> keyframes = map.KeyframesInTime();
+  std::vector<std::pair<int, int>> pairs;
+  for (size_t i = 0; i < keyframes.size(); ++i) {
+    for (const size_t step : kSteps) {
+      if (i + step < keyframes.size()) pairs.emplace_back(keyframes[i], keyframes[i + step]);
+    }
+  }
+  std::vector<TwoViewCheck> checks(pairs.size());
+  ParallelFor(pairs.size(), num_threads, [&](size_t i) {
+    const auto& [a, b] = pairs[i];
+    const Matches matches(map, undistorter.intrinsics(), a, b);
+    TwoViewCheck& check = checks[i];
+    check = {map.keyframe(a).frame, map.keyframe(b).frame, matches.size(), 0, 0};
+    if (matches.size() < options.min_matches) return;
+    check.num_of_map = matches.CountExplained(map.keyframe(b).cam_from_world *
+                                              map.keyframe(a).cam_from_world.Inverse());
+    check.num_of_best = std::max(check.num_of_map, matches.CountExplainedByBest());
+  });
+  std::erase_if(checks, [&](const auto& check) { return check.num_matches < options.min_matches; });
+  return checks;
+}
+
+std::vector<double> ContradictionOfFrames(const std::vector<TwoViewCheck>& checks,
+                                          size_t num_frames) {
+  std::vector<double> contradictions(num_frames, 0.0);
+  for (const TwoViewCheck& check : checks) {
+    for (int frame = check.frame_a; frame <= check.frame_b; ++frame) {
+      double& worst = contradictions[static_cast<size_t>(frame)];
+      worst = std::max(worst, check.Contradiction());
+    }
+  }
+  return contradictions;
+}
+
+}  // namespace s3lam
