@@ -28,7 +28,7 @@ def read_options(help_text):
         if match := OPTION.match(line):
             options.append({k: v or "" for k, v in match.groupdict().items()})
         elif options and (match := CONTINUED.match(line)):
-            options[-1]["text"] = (options[-1]["text"] + " " + match.group(1)).strip()
+            options[-1]["text"] = f"{options[-1]['text'].strip()} {match.group(1)}".strip()
         elif line.startswith("Configuration ("):
             break
     return options

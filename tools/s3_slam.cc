@@ -36,10 +36,10 @@ constexpr const char* kDescription =
     "Writes  --output: cameras.bin, images.bin, points3D.bin (COLMAP), keyframes.txt and\n"
     "        frames.txt (TUM, world_from_camera), descriptors.bin, observations.bin (what frames\n"
     "        that are no keyframes see), keypoint_sigmas.bin, project.ini, report.json,\n"
-    "        config.json. Where the sequence falls apart, this is the largest map; others that do "
-    "not meet it go to the folders "
-    "1,\n"
-    "        2, ... of it. The report says which frames are to be trusted.";
+    "        config.json. Where the sequence falls apart, this is the largest map; others that do\n"
+    "        not meet it go to the folders 1, 2, ... of it. The report says which frames are to "
+    "be\n"
+    "        trusted.";
 
 SequenceFormat ParseFormat(const std::string& name) {
   const auto format = SequenceFormatFromName(name);
