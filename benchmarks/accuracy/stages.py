@@ -50,8 +50,9 @@ class Programs:
     def with_seed(self, seed):
         return Programs(self._folder, self._threads, seed)
 
-    def slam(self, sequence, output):
-        return self.run("s3-slam", "--sequence", sequence, "--output", output, "--overwrite")
+    def slam(self, sequence, output, settings=()):
+        return self.run("s3-slam", "--sequence", sequence, "--output", output, "--overwrite",
+                        *set_options(settings))
 
     def lift(self, model, masks, classes, output):
         return self.run("s3-lift", "--model", model, "--masks", masks, "--classes", classes,
@@ -59,9 +60,8 @@ class Programs:
 
     def refine(self, model, semantics, output, settings=()):
         arguments = ["--semantics", semantics] if semantics else []
-        for setting in settings:
-            arguments += ["--set", setting]
-        return self.run("s3-refine", "--model", model, *arguments, "--output", output, "--overwrite")
+        return self.run("s3-refine", "--model", model, *arguments, "--output", output,
+                        "--overwrite", *set_options(settings))
 
     def synthesise(self, scene, output):
         return self.run("s3-synth", "--scene", scene, "--output", output, "--overwrite")
@@ -79,6 +79,10 @@ class Programs:
         line = subprocess.run([self._folder / "s3-slam", "--version"], check=True,
                               capture_output=True, text=True).stdout
         return line.strip()
+
+
+def set_options(settings):
+    return [word for setting in settings for word in ("--set", setting)]
 
 
 def write_json(path, value):
