@@ -46,6 +46,6 @@ set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS colmap)
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME s3lam-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "s3lam (= ${PROJECT_VERSION}), libceres-dev, libopencv-dev, \
-libeigen3-dev, nlohmann-json3-dev, libspdlog-dev, libfmt-dev, zlib1g-dev")
+libeigen3-dev, nlohmann-json3-dev, libspdlog-dev, libfmt-dev, zlib1g-dev, libsqlite3-dev")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "Headers, static libraries and CMake package of s3lam.")
 include(CPack)

@@ -16,6 +16,7 @@ packages=(
   libopencv-dev          # features, images; its CMake files exist only in this whole package
   libeigen3-dev libboost-program-options-dev nlohmann-json3-dev libspdlog-dev libfmt-dev
   zlib1g-dev             # .npz files
+  libsqlite3-dev         # databases for colmap
   libgtest-dev libgmock-dev
   colmap                 # the outside judge of our models, and their viewer
 )

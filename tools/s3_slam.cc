@@ -12,6 +12,7 @@
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
 #include "s3lam/io/camera_guess.h"
+#include "s3lam/io/colmap_database.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
@@ -36,10 +37,9 @@ constexpr const char* kDescription =
     "Writes  --output: cameras.bin, images.bin, points3D.bin (COLMAP), keyframes.txt and\n"
     "        frames.txt (TUM, world_from_camera), descriptors.bin, observations.bin (what frames\n"
     "        that are no keyframes see), keypoint_sigmas.bin, project.ini, report.json,\n"
-    "        config.json. Where the sequence falls apart, this is the largest map; others that do\n"
-    "        not meet it go to the folders 1, 2, ... of it. The report says which frames are to "
-    "be\n"
-    "        trusted.";
+    "        config.json; database.db if asked for. Where the sequence falls apart, this is the\n"
+    "        largest map; others that do not meet it go to the folders 1, 2, ... of it. The\n"
+    "        report says which frames are to be trusted.";
 
 SequenceFormat ParseFormat(const std::string& name) {
   const auto format = SequenceFormatFromName(name);
@@ -108,9 +108,10 @@ slam::Input MakeInput(const Opened& opened, const FrameReader& reader,
   return input;
 }
 
-void WriteModel(const slam::Model& model, const ImageSequence& sequence,
+void WriteModel(const slam::Model& model, const ImageSequence& sequence, bool with_database,
                 const std::filesystem::path& directory) {
   WriteColmapModel(model.reconstruction, directory);
+  if (with_database) WriteColmapDatabase(model.reconstruction, directory / "database.db");
   WriteColmapProject(std::filesystem::absolute(sequence.image_root), directory / "project.ini");
   WriteTumTrajectory(model.keyframes, directory / "keyframes.txt");
   WriteTumTrajectory(model.frames, directory / "frames.txt");
@@ -137,11 +138,12 @@ std::filesystem::path CheckIgnoreMasks(const po::variables_map& arguments,
 
 /// The largest map lies in the folder itself, others in folders 1, 2, ... of it.
 void Write(const slam::Result& result, const slam::Options& options, const nlohmann::json& report,
-           const ImageSequence& sequence, const std::filesystem::path& directory) {
+           const ImageSequence& sequence, bool with_databases,
+           const std::filesystem::path& directory) {
   for (size_t m = 0; m < result.models.size(); ++m) {
     const auto folder = m == 0 ? directory : directory / std::to_string(m);
     std::filesystem::create_directories(folder);
-    WriteModel(result.models[m], sequence, folder);
+    WriteModel(result.models[m], sequence, with_databases, folder);
   }
   WriteJson(directory / "report.json", report);
   WriteJson(directory / "config.json", OptionsToJson(options));
@@ -225,7 +227,7 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   provenance.AddTo(report);
   if (opened.guess) report["focal_length"]["source"] = opened.guess->source;
   report["peak_memory_mib"] = PeakMemoryMiB();
-  Write(result, options, report, sequence, directory.path());
+  Write(result, options, report, sequence, arguments["database"].as<bool>(), directory.path());
   directory.Commit();
   if (checkpoint) checkpoint->Remove();
   for (const char* long_one : {"per_frame", "config"}) report.erase(long_one);
@@ -250,6 +252,8 @@ int main(int argc, char** argv) {
   add("frames", po::value<std::string>()->value_name("A:B:STEP"), "use only these frames");
   add("ignore-masks", po::value<std::string>()->value_name("DIR"),
       "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift");
+  add("database", po::bool_switch(),
+      "also write database.db: keypoints and matches of the keyframes, for colmap mapper");
   add("output", po::value<std::string>()->value_name("DIR"), "where the result goes");
   AddCheckpointArguments(program.arguments);
   add("checkpoint-every", po::value<double>()->default_value(30.0)->value_name("S"),

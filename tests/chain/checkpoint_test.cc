@@ -129,10 +129,10 @@ TEST_F(CheckpointTest, RefineInPiecesGivesTheSameBytes) {
 
 TEST_F(CheckpointTest, SlamInPiecesGivesTheSameBytes) {
   // After every frame.
-  const std::vector<std::string> words = {Tool("s3-slam"),      "--quiet",
-                                          "--checkpoint-every", "0",
-                                          "--sequence",         ChainFolder("scene").string(),
-                                          "--output",           output().string()};
+  const std::vector<std::string> words = {
+      Tool("s3-slam"),  "--quiet",    "--checkpoint-every",          "0",
+      "--database",     "--sequence", ChainFolder("scene").string(), "--output",
+      output().string()};
   EXPECT_GE(RunInPieces(Resumed(words)), 5);
   testing::ExpectSameBytes(ChainFolder("1_slam"), output());
 }

@@ -10,7 +10,7 @@ rm -rf "$out"
 common=(--quiet --threads 2)
 set -x
 "$bin/s3-synth" --scene desk --seed 1 --set scene.speed=2 --output "$out/scene" "${common[@]}"
-"$bin/s3-slam" --sequence "$out/scene" --output "$out/1_slam" "${common[@]}"
+"$bin/s3-slam" --sequence "$out/scene" --output "$out/1_slam" --database "${common[@]}"
 for masks in clean noisy; do
   "$bin/s3-lift" --model "$out/1_slam" --masks "$out/scene/panoptic_$masks" --classes "$classes" \
     --output "$out/2_lift_$masks" "${common[@]}"

@@ -13,7 +13,7 @@ trap 'rm -rf "$work"' EXIT
 
 run() { # run NAME BIN_DIR THREADS: all stages into $work/NAME.
   local out=$work/$1 programs=$2 common=(--quiet --progress none --threads "$3")
-  "$programs/s3-slam" --sequence "$scene" --output "$out/1_slam" "${common[@]}"
+  "$programs/s3-slam" --sequence "$scene" --output "$out/1_slam" --database "${common[@]}"
   "$programs/s3-lift" --model "$out/1_slam" --masks "$scene/panoptic_noisy" --classes "$classes" \
     --output "$out/2_lift" "${common[@]}"
   "$programs/s3-refine" --model "$out/1_slam" --semantics "$out/2_lift" --output "$out/3_refine" \

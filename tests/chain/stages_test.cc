@@ -164,8 +164,18 @@ void Rerun(const std::string& tool, const std::filesystem::path& output,
 
 TEST(SameBytes, SlamWithAnyNumberOfThreads) {
   const TempDir dir;
-  Rerun("s3-slam", dir / "again", {"--sequence", ChainFolder("scene").string()});
+  Rerun("s3-slam", dir / "again", {"--sequence", ChainFolder("scene").string(), "--database"});
   ExpectSameBytes(ChainFolder("1_slam"), dir / "again");
+}
+
+TEST(Chain, DatabaseIsWrittenIfAskedFor) {
+  const TempDir dir;
+  Rerun(
+      "s3-slam", dir / "again",
+      {"--sequence", ChainFolder("scene").string(), "--frames", "0:50", "--set", "accuracy=fast"});
+  EXPECT_TRUE(std::filesystem::exists(dir / "again" / "cameras.bin"));
+  EXPECT_FALSE(std::filesystem::exists(dir / "again" / "database.db"));
+  EXPECT_TRUE(std::filesystem::exists(ChainFolder("1_slam") / "database.db"));
 }
 
 TEST(SameBytes, LiftWithAnyNumberOfThreads) {

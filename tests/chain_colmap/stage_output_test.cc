@@ -76,5 +76,40 @@ TEST_P(StageOutput, BundleAdjusterAgreesWithTheResiduals) {
   EXPECT_LT(rms_px, 1.0);
 }
 
+/// COLMAP goes on from our keypoints and matches.
+class Database : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!testing::HasProgram("colmap")) GTEST_SKIP() << "colmap is not installed";
+    // COLMAP opens it for writing.
+    std::filesystem::copy_file(ChainFolder("1_slam") / "database.db", dir_ / "database.db");
+  }
+  std::string Run(const std::string& command, const std::vector<std::string>& more) const {
+    std::vector<std::string> words = {
+        command,        "--database_path",         (dir_ / "database.db").string(),
+        "--image_path", ChainFolder("scene"),      "--output_path",
+        dir_.path(),    "--Mapper.extract_colors", "0"};
+    words.insert(words.end(), more.begin(), more.end());
+    return RunColmap(words);
+  }
+  TempDir dir_;
+};
+
+TEST_F(Database, TriangulatorFindsOurPointsAgain) {
+  const auto model = ChainFolder("1_slam");
+  const Reconstruction ours = ReadColmapModel(model);
+  Run("point_triangulator", {"--input_path", model.string()});
+  EXPECT_EQ(ColmapAnalysis(dir_.path(), "Registered images"), ours.images.size());
+  EXPECT_GT(ColmapAnalysis(dir_.path(), "Points"), 0.7 * static_cast<double>(ours.points.size()));
+  EXPECT_LT(ColmapAnalysis(dir_.path(), "Mean reprojection error"), 1.0);
+}
+
+TEST_F(Database, MapperBuildsTheMapFromNothing) {
+  const Reconstruction ours = ReadColmapModel(ChainFolder("1_slam"));
+  Run("mapper", {});
+  EXPECT_EQ(ColmapAnalysis(dir_ / "0", "Registered images"), ours.images.size());
+  EXPECT_LT(ColmapAnalysis(dir_ / "0", "Mean reprojection error"), 1.0);
+}
+
 }  // namespace
 }  // namespace s3lam

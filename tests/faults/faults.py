@@ -20,7 +20,8 @@ from pathlib import Path
 COMMON = ["--quiet", "--progress", "none", "--threads", "1", "--overwrite"]
 KINDS = {"write": ["ENOSPC", "EIO"], "fsync": ["EIO"], "rename": ["EIO"], "open": ["ENOSPC"],
          "mkdir": ["ENOSPC"]}
-REASONS = ["No space left on device", "Input/output error", "Read-only file system"]
+REASONS = ["No space left on device", "Input/output error", "Read-only file system",
+           "readonly database"]  # The last by SQLite, which falls back to reading.
 
 
 class Stage:
@@ -135,7 +136,7 @@ def main():
     scene, model, semantics = (f"{chain}/{name}" for name in ("scene", "1_slam", "2_lift_clean"))
     stages = [
         Stage("slam", [f"{bin_dir}/s3-slam", "--sequence", scene, "--frames", "0:50",
-                       "--set", "accuracy=fast"], inject),
+                       "--set", "accuracy=fast", "--database"], inject),
         Stage("lift", [f"{bin_dir}/s3-lift", "--model", model, "--masks", f"{scene}/panoptic_clean",
                        "--classes", classes], inject),
         Stage("refine", [f"{bin_dir}/s3-refine", "--model", model, "--semantics", semantics,

@@ -6,8 +6,8 @@
 //                             `write` and WHAT = short, writes a byte only; N = 0: every one
 //   S3LAM_FAULT_COUNTS=FILE   how many calls of each kind there were, written at the end
 //
-// CALL is write (write, writev and copies within the kernel, to regular files), fsync, rename, open
-// (for writing) or mkdir. Counted over all threads.
+// CALL is write (write, pwrite64, writev and copies within the kernel, to regular files), fsync,
+// rename, open (for writing) or mkdir. Counted over all threads.
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -104,6 +104,14 @@ ssize_t write(int fd, const void* data, size_t size) {
   static const auto next = Next<Write>("write");
   if (!IsRegularFile(fd) || !GoesWrong(kWrite)) return next(fd, data, size);
   if (TheFault().is_short) return next(fd, data, size > 0 ? 1 : 0);
+  errno = TheFault().error;
+  return -1;
+}
+
+ssize_t pwrite64(int fd, const void* data, size_t size, off64_t offset) {
+  static const auto next = Next<ssize_t (*)(int, const void*, size_t, off64_t)>("pwrite64");
+  if (!IsRegularFile(fd) || !GoesWrong(kWrite)) return next(fd, data, size, offset);
+  if (TheFault().is_short) return next(fd, data, size > 0 ? 1 : 0, offset);
   errno = TheFault().error;
   return -1;
 }
