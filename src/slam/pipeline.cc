@@ -15,6 +15,8 @@
 namespace s3lam::slam {
 namespace {
 
+constexpr double kFastKeyframeRatio = 0.75;
+constexpr double kFastCoverage = 0.7;
 constexpr std::array<std::string_view, 2> kAccuracyNames{"fast", "high"};
 
 std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input,
@@ -259,7 +261,8 @@ void AddFrames(const Undistorter& undistorter, const Map& map, int model,
 void Options::Visit(OptionVisitor& v) {
   v.Choice("accuracy", accuracy, kAccuracyNames,
            "fast leaves out the keyframes' additional keypoints, the alignment of patches and the "
-           "refinement of the lens distortion");
+           "refinement of the lens distortion, and lowers tracker.keyframe_ratio to 0.75 and "
+           "tracker.min_coverage to 0.7 at the most");
   v.Group("features", features, "keypoints");
   v.Group("initializer", initializer, "the pair of frames that the map starts from");
   v.Group("tracker", tracker, "localising frames in the map");
@@ -283,6 +286,8 @@ Options Effective(const Options& options) {
     result.second_pass.keyframe_features = 0;
     result.second_pass.patches.enabled = false;
     result.self_calibration.enabled = false;
+    result.tracker.keyframe_ratio = std::min(result.tracker.keyframe_ratio, kFastKeyframeRatio);
+    result.tracker.min_coverage = std::min(result.tracker.min_coverage, kFastCoverage);
   }
   return result;
 }

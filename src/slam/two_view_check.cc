@@ -126,7 +126,10 @@ std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, cons
     if (matches.size() < options.min_matches) return;
     check.num_of_map = matches.CountExplained(map.keyframe(b).cam_from_world *
                                               map.keyframe(a).cam_from_world.Inverse());
-    check.num_of_best = std::max(check.num_of_map, matches.CountExplainedByBest());
+    check.num_of_best = check.num_of_map;
+    // No motion explains more than all: most pairs need no other.
+    if (matches.size() - check.num_of_map <= kMotionFreedoms) return;
+    check.num_of_best = std::max(check.num_of_best, matches.CountExplainedByBest());
   });
   std::erase_if(checks, [&](const auto& check) { return check.num_matches < options.min_matches; });
   return checks;

@@ -65,7 +65,7 @@ TEST_F(KeyframeFeaturesTest, AddsNothingWhenTrackingHasAsMany) {
   EXPECT_EQ(AddKeyframeFeatures(options, features_, undistorter_, images_, 1, map), 0);
 }
 
-TEST(EffectiveTest, FastLeavesStepsOutAndHighChangesNothing) {
+TEST(EffectiveTest, FastLeavesStepsAndKeyframesOutAndHighChangesNothing) {
   slam::Options options;
   const slam::Options high = slam::Effective(options);
   EXPECT_EQ(high.second_pass.patches.enabled, options.second_pass.patches.enabled);
@@ -76,6 +76,10 @@ TEST(EffectiveTest, FastLeavesStepsOutAndHighChangesNothing) {
   EXPECT_FALSE(fast.second_pass.patches.enabled);
   EXPECT_EQ(fast.second_pass.keyframe_features, 0);
   EXPECT_FALSE(fast.self_calibration.enabled);
+  EXPECT_LT(fast.tracker.keyframe_ratio, high.tracker.keyframe_ratio);
+  EXPECT_LT(fast.tracker.min_coverage, high.tracker.min_coverage);
+  options.tracker.min_coverage = 0.5;
+  EXPECT_EQ(slam::Effective(options).tracker.min_coverage, 0.5);
 }
 
 }  // namespace
