@@ -21,13 +21,6 @@ constexpr double kChi2 = 3.841;  // 95 %, 1 degree of freedom.
 constexpr double kDescriptorRatio = 0.8;
 constexpr double kRansacThresholdPx = 2.0;
 
-Eigen::Matrix3d Essential(const Rigid3& b_from_a) {
-  const Eigen::Vector3d& t = b_from_a.translation;
-  Eigen::Matrix3d cross;
-  cross << 0.0, -t.z(), t.y(), t.z(), 0.0, -t.x(), -t.y(), t.x(), 0.0;
-  return cross * b_from_a.rotation.toRotationMatrix();
-}
-
 /// Keypoints of two keyframes that look alike.
 class Matches {
  public:
@@ -57,7 +50,8 @@ class Matches {
 
   /// Matches that a motion explains, by their Sampson distance.
   [[nodiscard]] int CountExplained(const Rigid3& b_from_a) const {
-    const Eigen::Matrix3d essential = Essential(b_from_a);
+    const Eigen::Matrix3d essential =
+        CrossMatrix(b_from_a.translation) * b_from_a.rotation.toRotationMatrix();
     int count = 0;
     for (size_t i = 0; i < sigmas_.size(); ++i) {
       const Eigen::Vector3d a = in_a_[i].homogeneous();
