@@ -125,11 +125,10 @@ class Adjustment {
       poses_[i] = {0.0, 0.0, 0.0, t.x(), t.y(), t.z()};
     }
     const std::vector<uint8_t> chosen = ChoosePoints(input, options.max_observations, min_length);
-    auto* loss = new ceres::HuberLoss(kHuberSigma);
     for (const auto& o : input.observations) {
       const Rigid3& pose = input.poses[o.pose];
       if (chosen[o.point] == 0 || (pose * input.points[o.point]).z() <= 1e-6) continue;
-      problem_.AddResidualBlock(MakeCost(o, pose), loss, poses_[o.pose].data(),
+      problem_.AddResidualBlock(MakeCost(o, pose), &loss_, poses_[o.pose].data(),
                                 points_[o.point].data(), camera_.params.data());
     }
   }
@@ -286,7 +285,13 @@ class Adjustment {
   Camera camera_;
   std::vector<Eigen::Vector3d> points_;
   std::vector<std::array<double, 6>> poses_;
-  ceres::Problem problem_;
+  static ceres::Problem::Options BorrowingLoss() {
+    ceres::Problem::Options options;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return options;
+  }
+  ceres::HuberLoss loss_{kHuberSigma};  // Of the adjustment, even if nothing is observed.
+  ceres::Problem problem_{BorrowingLoss()};
 };
 
 }  // namespace
