@@ -84,13 +84,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--data", type=pathlib.Path, help="folder of the real sequences")
-    what.add_argument("--synthetic", action="store_true", help="scenes made by s3-synth")
-    parser.add_argument("--sequences", nargs="+", choices=sorted(sequences.REAL),
-                        default=list(sequences.REAL))
-    parser.add_argument("--scenes", nargs="+", choices=sequences.SCENES, default=sequences.SCENES)
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
+    sequences.add_arguments(parser, seeds=[1])
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     programs = stages.Programs(arguments.bin, arguments.threads, seed=0)

@@ -133,13 +133,7 @@ def parse_arguments():
     parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
     parser.add_argument("--output", type=pathlib.Path,
                         default=sequences.ROOT / "benchmark-output" / "accuracy")
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--data", type=pathlib.Path, help="folder of the real sequences")
-    what.add_argument("--synthetic", action="store_true", help="scenes made by s3-synth")
-    parser.add_argument("--sequences", nargs="+", choices=sorted(sequences.REAL),
-                        default=list(sequences.REAL))
-    parser.add_argument("--scenes", nargs="+", choices=sequences.SCENES, default=sequences.SCENES)
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
+    sequences.add_arguments(parser, seeds=[1, 2, 3])
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                         help="for s3-refine with planes, e.g. planes.mode=fixed; may be repeated")
     parser.add_argument("--readme", action="store_true",

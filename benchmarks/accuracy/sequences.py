@@ -119,3 +119,13 @@ def find(name, data, scenes):
         return synthetic_sequence(name, folder) if rendered else Sequence(name, folder, [], {})
     raise KeyError(f"{name}: no such sequence; there are "
                    f"{', '.join([*REAL, *SCENES, *presets.ALL])}")
+
+
+def add_arguments(parser, seeds):
+    """Options that choose real sequences or synthetic scenes."""
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--data", type=pathlib.Path, help="folder of the real sequences")
+    what.add_argument("--synthetic", action="store_true", help="scenes made by s3-synth")
+    parser.add_argument("--sequences", nargs="+", choices=sorted(REAL), default=list(REAL))
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
+    parser.add_argument("--seeds", nargs="+", type=int, default=seeds)
