@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
 #include <boost/program_options.hpp>
+#include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -27,7 +29,8 @@ constexpr const char* kDescription =
     "Measures trajectories, planes and maps.\n\n"
     "--estimate, --ground-truth   absolute trajectory error (ATE) after alignment, in the axes of\n"
     "        the world and of the camera, along and across the way; relative pose error (RPE) of\n"
-    "        consecutive poses, per length, and over KITTI's segments.\n"
+    "        consecutive poses, per length, and over KITTI's segments. --time-offset allows for\n"
+    "        clocks that differ, and tells the ATE without and with it.\n"
     "--planes                     angles between the planes of semantics.json or planes.json.\n"
     "--model, --semantics         how flat the points of each labelled plane lie.\n"
     "--known-planes               planes (of --planes, or else those that fit the points of\n"
@@ -150,6 +153,17 @@ void MeasureKnownPlanes(const po::variables_map& arguments, const PlaneErrorOpti
   result.Add("known_planes", ToTable(errors), ToJson(errors));
 }
 
+/// "auto" or a number.
+void ReadTimeOffset(const std::string& text, TrajectoryErrorOptions& options) {
+  options.estimate_time_offset = text == "auto";
+  if (options.estimate_time_offset) return;
+  char* end = nullptr;
+  options.time_offset_s = std::strtod(text.c_str(), &end);
+  if (text.empty() || *end != '\0' || !std::isfinite(options.time_offset_s)) {
+    throw UsageError(fmt::format("--time-offset {}: expected auto or seconds", text));
+  }
+}
+
 /// The configuration, and over it the arguments that name the same things.
 EvalOptions ReadOptions(const po::variables_map& arguments, const CommonArguments& common) {
   auto options = LoadOptions<EvalOptions>(common);
@@ -161,6 +175,9 @@ EvalOptions ReadOptions(const po::variables_map& arguments, const CommonArgument
   }
   if (arguments.count("max-dt") > 0) {
     options.trajectory.max_dt_s = arguments["max-dt"].as<double>();
+  }
+  if (arguments.count("time-offset") > 0) {
+    ReadTimeOffset(arguments["time-offset"].as<std::string>(), options.trajectory);
   }
   CheckOptions(options);
   for (const double length : options.trajectory.segment_lengths_m) {
@@ -238,6 +255,9 @@ int main(int argc, char** argv) {
       "what is aligned first (default sim3)");
   add("max-dt", po::value<double>()->value_name("SECONDS"),
       "largest time difference of associated poses (default 0.02)");
+  add("time-offset", po::value<std::string>()->value_name("auto|SECONDS"),
+      "how far the clock of the ground truth is ahead, estimated or given (default 0): poses are "
+      "compared with the ground truth interpolated at their time + offset");
   add("planes", po::value<std::string>()->value_name("FILE"), "planes to compare with one another");
   add("plane-class", po::value<std::vector<std::string>>()->composing()->value_name("NAME"),
       "only planes of this class; may be repeated");

@@ -66,10 +66,19 @@ class Programs:
     def synthesise(self, scene, output):
         return self.run("s3-synth", "--scene", scene, "--output", output, "--overwrite")
 
-    def trajectory_error(self, estimate, ground_truth):
+    def trajectory_error(self, estimate, ground_truth, *arguments):
         """The report of s3-eval after Sim(3) alignment."""
-        report, _ = self.run("s3-eval", "--estimate", estimate, "--ground-truth", ground_truth)
+        report, _ = self.run("s3-eval", "--estimate", estimate, "--ground-truth", ground_truth,
+                             *arguments)
         return report["trajectory"]
+
+    def time_offset(self, estimate, ground_truth):
+        """How far the clock of the ground truth is ahead, and the ATE without and with that."""
+        report = self.trajectory_error(estimate, ground_truth, "--time-offset", "auto")
+        offset = report["time_offset"]
+        return {"seconds": offset["seconds"], "sigma_s": offset["sigma_s"],
+                "ate_without": offset["without"]["ate_rmse"],
+                "ate": report["ate"]["translation"]["rmse"]}
 
     def help(self, name):
         return subprocess.run([self._folder / name, "--help"], check=True, capture_output=True,

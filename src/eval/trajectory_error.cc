@@ -9,14 +9,11 @@
 #include <span>
 
 #include "s3lam/base/error.h"
-#include "s3lam/geometry/alignment.h"
 
 namespace s3lam {
 namespace {
 
 constexpr std::array<std::string_view, 3> kAlignmentNames = {"sim3", "se3", "none"};
-/// Fewer say nothing, and do not determine an alignment.
-constexpr size_t kMinPairs = 3;
 
 /// Index of the pose nearest in time.
 size_t Nearest(const Trajectory& trajectory, double time_s) {
@@ -40,21 +37,35 @@ std::vector<PosePair> PairPoses(const Trajectory& estimate, const Trajectory& gr
   return pairs;
 }
 
-std::optional<Similarity3> Align(const std::vector<PosePair>& pairs,
-                                 TrajectoryAlignment alignment) {
-  if (alignment == TrajectoryAlignment::kNone) return Similarity3();
-  std::vector<Eigen::Vector3d> truth;
-  std::vector<Eigen::Vector3d> estimate;
-  for (const PosePair& pair : pairs) {
-    truth.push_back(pair.truth.translation);
-    estimate.push_back(pair.estimate.translation);
-  }
-  return AlignPoints(truth, estimate, alignment == TrajectoryAlignment::kSim3);
-}
-
 Rigid3 TransformPose(const Similarity3& a_from_b, const Rigid3& b_from_camera) {
   return {(a_from_b.rotation * b_from_camera.rotation).normalized(),
           a_from_b * b_from_camera.translation};
+}
+
+void ApplyAlignment(const Similarity3& truth_from_estimate, std::vector<PosePair>& pairs) {
+  for (PosePair& pair : pairs) pair.estimate = TransformPose(truth_from_estimate, pair.estimate);
+}
+
+/// The offset that was given or asked for, and what `pairs`, which are without, give.
+TimeOffsetEffect FindTimeOffset(const Trajectory& estimate, const Trajectory& ground_truth,
+                                const TrajectoryErrorOptions& options,
+                                std::vector<PosePair> pairs) {
+  TimeOffsetEffect effect;
+  effect.is_estimated = options.estimate_time_offset;
+  effect.offset =
+      options.estimate_time_offset
+          ? EstimateTimeOffset(estimate, ground_truth, options.align, options.max_time_offset_s)
+          : TimeOffset{options.time_offset_s, 0.0};
+  effect.num_pairs_without = pairs.size();
+  const auto truth_from_estimate = AlignPosePairs(pairs, options.align);
+  if (!truth_from_estimate) return effect;
+  ApplyAlignment(*truth_from_estimate, pairs);
+  double sum = 0.0;
+  for (const PosePair& pair : pairs) {
+    sum += (pair.estimate.translation - pair.truth.translation).squaredNorm();
+  }
+  effect.ate_rmse_without = std::sqrt(sum / static_cast<double>(pairs.size()));
+  return effect;
 }
 
 double RootMeanSquare(std::span<const PoseError> errors, double PoseError::*part) {
@@ -100,21 +111,17 @@ nlohmann::json AxesToJson(const Eigen::Vector3d& axes) { return {axes.x(), axes.
 
 }  // namespace
 
-std::optional<TrajectoryAlignment> TrajectoryAlignmentFromName(std::string_view name) {
-  for (size_t i = 0; i < kAlignmentNames.size(); ++i) {
-    if (kAlignmentNames[i] == name) return static_cast<TrajectoryAlignment>(i);
-  }
-  return std::nullopt;
-}
-
-std::string_view TrajectoryAlignmentName(TrajectoryAlignment alignment) {
-  return kAlignmentNames.at(static_cast<size_t>(alignment));
-}
-
 void TrajectoryErrorOptions::Visit(OptionVisitor& v) {
   v.Choice("align", align, kAlignmentNames,
            "what is aligned before measuring: a similarity, a rigid transform, nothing");
   v.Value("max_dt_s", max_dt_s, "poses farther apart in time are not associated [s]", 0.0);
+  v.Value(
+      "time_offset_s", time_offset_s,
+      "how far the truth's clock is ahead: the truth at time + offset is what a pose is compared "
+      "with, interpolated unless this is 0 [s]");
+  v.Value("estimate_time_offset", estimate_time_offset,
+          "estimate that offset together with the alignment");
+  v.Value("max_time_offset_s", max_time_offset_s, "offsets up to this are tried [s]", 0.02, 10.0);
   v.Value("rpe_delta_frames", rpe_delta_frames,
           "distance between the two poses of a relative error [associated poses]", 1);
   v.Value("rpe_delta_m", rpe_delta_m,
@@ -141,18 +148,22 @@ std::optional<TrajectoryErrors> CompareTrajectories(const Trajectory& estimate,
                                                     const Trajectory& ground_truth,
                                                     const TrajectoryErrorOptions& options) {
   S3LAM_CHECK(options.rpe_delta_frames > 0 && options.segment_step_frames > 0);
-  std::vector<PosePair> pairs = PairPoses(estimate, ground_truth, options.max_dt_s);
-  if (pairs.size() < kMinPairs) return std::nullopt;
-  const auto truth_from_estimate = Align(pairs, options.align);
-  if (!truth_from_estimate) return std::nullopt;
-
   TrajectoryErrors errors;
   errors.options = options;
   errors.num_estimate = estimate.size();
   errors.num_ground_truth = ground_truth.size();
+  std::vector<PosePair> pairs = PairPoses(estimate, ground_truth, options.max_dt_s);
+  if (options.estimate_time_offset || options.time_offset_s != 0.0) {
+    errors.time_offset = FindTimeOffset(estimate, ground_truth, options, pairs);
+    if (errors.time_offset->offset) {
+      pairs = PairPosesAtOffset(estimate, ground_truth, errors.time_offset->offset->offset_s);
+    }
+  }
+  const auto truth_from_estimate = AlignPosePairs(pairs, options.align);
+  if (!truth_from_estimate) return std::nullopt;
   errors.num_pairs = pairs.size();
   errors.truth_from_estimate = *truth_from_estimate;
-  for (PosePair& pair : pairs) pair.estimate = TransformPose(*truth_from_estimate, pair.estimate);
+  ApplyAlignment(*truth_from_estimate, pairs);
   errors.poses = ComputePoseErrors(pairs);
   errors.path_length = errors.poses.back().path;
   MeasureAbsolute(errors);
@@ -167,12 +178,25 @@ nlohmann::json ToJson(const Similarity3& a_from_b) {
           {"translation", AxesToJson(a_from_b.translation)}};
 }
 
+nlohmann::json ToJson(const TimeOffsetEffect& effect) {
+  nlohmann::json json = {
+      {"estimated", effect.is_estimated},
+      {"seconds", nullptr},
+      {"sigma_s", nullptr},
+      {"without", {{"num_pairs", effect.num_pairs_without}, {"ate_rmse", nullptr}}}};
+  if (effect.offset) json["seconds"] = effect.offset->offset_s;
+  if (effect.offset && effect.is_estimated) json["sigma_s"] = effect.offset->sigma_s;
+  if (effect.ate_rmse_without) json["without"]["ate_rmse"] = *effect.ate_rmse_without;
+  return json;
+}
+
 nlohmann::json ToJson(const TrajectoryErrors& errors) {
   return {{"align", TrajectoryAlignmentName(errors.options.align)},
           {"max_dt_s", errors.options.max_dt_s},
           {"num_estimate", errors.num_estimate},
           {"num_ground_truth", errors.num_ground_truth},
           {"num_pairs", errors.num_pairs},
+          {"time_offset", errors.time_offset ? ToJson(*errors.time_offset) : nlohmann::json()},
           {"path_length", errors.path_length},
           {"truth_from_estimate", ToJson(errors.truth_from_estimate)},
           {"ate",
@@ -193,14 +217,29 @@ nlohmann::json ToJson(const TrajectoryErrors& errors) {
           {"segments", ToJson(errors.segments)}};
 }
 
+std::string ToTable(const TimeOffsetEffect& effect) {
+  if (!effect.offset) return "time offset           cannot be told, none applied\n";
+  std::string text = fmt::format("time offset           {:.4f} s", effect.offset->offset_s);
+  text += effect.is_estimated ? fmt::format(" +- {:.4f} s, estimated", effect.offset->sigma_s)
+                              : ", given";
+  if (!effect.ate_rmse_without) return text + "\n";
+  return text + fmt::format("; without it {} poses, ATE {:.6f}\n", effect.num_pairs_without,
+                            *effect.ate_rmse_without);
+}
+
 std::string ToTable(const TrajectoryErrors& errors) {
+  const bool interpolated = errors.time_offset && errors.time_offset->offset;
   std::string table = fmt::format(
-      "poses                 {} estimated, {} of ground truth, {} associated within {} s\n"
+      "poses                 {} estimated, {} of ground truth, {} {}\n"
       "path length           {:.6g}\n"
-      "alignment             {}, scale {:.6g}\n\n",
-      errors.num_estimate, errors.num_ground_truth, errors.num_pairs, errors.options.max_dt_s,
+      "alignment             {}, scale {:.6g}\n",
+      errors.num_estimate, errors.num_ground_truth, errors.num_pairs,
+      interpolated ? "compared with interpolated ones"
+                   : fmt::format("associated within {} s", errors.options.max_dt_s),
       errors.path_length, TrajectoryAlignmentName(errors.options.align),
       errors.truth_from_estimate.scale);
+  if (errors.time_offset) table += ToTable(*errors.time_offset);
+  table += "\n";
   table += TableHeader();
   table += TableRow("ATE", errors.ate_translation);
   table += TableRow("ATE rotation [deg]", errors.ate_rotation_deg);

@@ -10,22 +10,19 @@
 #include "s3lam/base/options.h"
 #include "s3lam/eval/error_statistics.h"
 #include "s3lam/eval/pose_errors.h"
+#include "s3lam/eval/time_offset.h"
+#include "s3lam/eval/trajectory_alignment.h"
 #include "s3lam/geometry/similarity3.h"
 #include "s3lam/scene/trajectory.h"
 
 namespace s3lam {
 
-/// What of the difference between estimate and ground truth is free: a similarity (a monocular
-/// estimate), a rigid transform, nothing.
-enum class TrajectoryAlignment { kSim3, kSe3, kNone };
-
-/// "sim3", "se3", "none".
-std::optional<TrajectoryAlignment> TrajectoryAlignmentFromName(std::string_view name);
-std::string_view TrajectoryAlignmentName(TrajectoryAlignment alignment);
-
 struct TrajectoryErrorOptions {
   TrajectoryAlignment align = TrajectoryAlignment::kSim3;
   double max_dt_s = 0.02;
+  double time_offset_s = 0.0;
+  bool estimate_time_offset = false;
+  double max_time_offset_s = 0.2;
   int rpe_delta_frames = 1;
   double rpe_delta_m = 1.0;
   std::vector<double> segment_lengths_m = {100, 200, 300, 400, 500, 600, 700, 800};
@@ -39,13 +36,22 @@ struct TrajectoryErrorOptions {
 std::vector<std::pair<size_t, size_t>> AssociateByTime(const Trajectory& a, const Trajectory& b,
                                                        double max_dt_s);
 
+/// What allowing for an offset between the clocks changes, see TimeOffset.
+struct TimeOffsetEffect {
+  bool is_estimated = false;         // Else it was given.
+  std::optional<TimeOffset> offset;  // Empty if it cannot be told: all errors are without one.
+  size_t num_pairs_without = 0;
+  std::optional<double> ate_rmse_without;  // Empty where poses pair up with an offset only.
+};
+
 /// Lengths are in the ground truth's unit, angles in degrees.
 struct TrajectoryErrors {
   TrajectoryErrorOptions options;
   size_t num_estimate = 0;  // Poses in each trajectory.
   size_t num_ground_truth = 0;
   size_t num_pairs = 0;
-  double path_length = 0.0;  // Of the ground truth, over the associated poses.
+  std::optional<TimeOffsetEffect> time_offset;  // If one was given or asked for.
+  double path_length = 0.0;                     // Of the ground truth, over the associated poses.
   Similarity3 truth_from_estimate;
   /// Absolute trajectory error (Sturm et al. 2012): distance of the camera centres, and angle of
   /// the rotations, after alignment.
@@ -66,9 +72,9 @@ struct TrajectoryErrors {
   std::vector<PoseError> poses;
 };
 
-/// Associates, aligns the camera centres (Umeyama) and measures, by the definitions of the TUM
-/// benchmark and of evo. Empty if fewer than three poses are associated or (with alignment) their
-/// centres leave the rotation undetermined.
+/// Associates (with a time offset: interpolates the ground truth), aligns the camera centres
+/// (Umeyama) and measures, by the definitions of the TUM benchmark and of evo. Empty if fewer than
+/// three poses are associated or (with alignment) their centres leave the rotation undetermined.
 std::optional<TrajectoryErrors> CompareTrajectories(const Trajectory& estimate,
                                                     const Trajectory& ground_truth,
                                                     const TrajectoryErrorOptions& options = {});
