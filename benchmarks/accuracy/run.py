@@ -20,11 +20,11 @@ import tables
 
 
 def evaluate(programs, trajectory, references):
-    """ATE against every reference, and the alignment to the first one."""
+    """ATE against every reference; the whole report on the first one."""
     reports = [programs.trajectory_error(trajectory, reference) for reference in references]
     ate = {reference.name: report["ate"]["translation"]["rmse"]
            for reference, report in zip(references, reports)}
-    return ate, reports[0]["truth_from_estimate"]
+    return ate, reports[0]
 
 
 def plane_angles(sequence, plane_file, alignment):
@@ -35,20 +35,20 @@ def plane_angles(sequence, plane_file, alignment):
 
 
 def measure_arm(programs, sequence, model, plane_file):
-    ate, alignment = evaluate(programs, model / "frames.txt", sequence.references)
-    arm = {"ate": ate}
+    ate, report = evaluate(programs, model / "frames.txt", sequence.references)
+    arm = {"ate": ate, "path_length": report["path_length"],
+           "time_offset": programs.time_offset(model / "frames.txt", sequence.references[0])}
     if plane_file:
-        arm["plane_angles"] = plane_angles(sequence, plane_file, alignment)
+        arm["plane_angles"] = plane_angles(sequence, plane_file, report["truth_from_estimate"])
     return arm
 
 
 def run_slam(programs, sequence, output):
-    """What all kinds of masks share: the SLAM and the bundle adjustment without planes."""
     report, cost = programs.slam(sequence.folder, output / "1_slam")
-    programs.refine(output / "1_slam", None, output / "3_refine_plain", ["planes.mode=off"])
     return {"sequence": sequence.name, "frames": report["frames"],
             "frames_localized": report["frames_localized"], "keyframes": report["keyframes"],
-            "points": report["points"], "costs": {"s3-slam": dataclasses.asdict(cost)}}
+            "points": report["points"], "loops_closed": report["loops_closed"],
+            "costs": {"s3-slam": dataclasses.asdict(cost)}}
 
 
 def run_masks(programs, sequence, masks, shared, output, settings):
@@ -77,11 +77,15 @@ def run_masks(programs, sequence, masks, shared, output, settings):
     return result
 
 
-def run_sequence(programs, sequence, output, settings):
+def run_sequence(programs, sequence, output, arguments):
     stages.say(f"{sequence.name} ...")
     shared = run_slam(programs, sequence, output)
+    if arguments.slam_only:
+        return [dict(shared, masks=None,
+                     slam=measure_arm(programs, sequence, output / "1_slam", None))]
+    programs.refine(output / "1_slam", None, output / "3_refine_plain", ["planes.mode=off"])
     if sequence.masks:
-        return [run_masks(programs, sequence, masks, shared, output, settings)
+        return [run_masks(programs, sequence, masks, shared, output, arguments.set)
                 for masks in sequence.masks]
     return [dict(shared, masks=None,
                  slam=measure_arm(programs, sequence, output / "1_slam", None),
@@ -98,11 +102,14 @@ def run_baselines(programs, folder, sequence_list):
             if match:
                 by_system.setdefault(match.group(1), []).append(path)
         for system, paths in by_system.items():
-            reports = [programs.trajectory_error(path, sequence.references[0]) for path in paths]
-            found.append({"sequence": sequence.name, "reference": sequence.references[0].name,
+            reference = sequence.references[0]
+            reports = [programs.trajectory_error(path, reference) for path in paths]
+            found.append({"sequence": sequence.name, "reference": reference.name,
                           "system": system,
                           "runs": [{"ate": report["ate"]["translation"]["rmse"],
-                                    "frames": report["num_estimate"]} for report in reports]})
+                                    "frames": report["num_estimate"],
+                                    "time_offset": programs.time_offset(path, reference)}
+                                   for report, path in zip(reports, paths)]})
     return found
 
 
@@ -112,7 +119,7 @@ def real(arguments, programs):
     for sequence in chosen:
         if not sequence.folder.is_dir():
             sys.exit(f"{sequence.folder}: no such sequence")
-        results += run_sequence(programs, sequence, arguments.output / sequence.name, arguments.set)
+        results += run_sequence(programs, sequence, arguments.output / sequence.name, arguments)
     return results, run_baselines(programs, arguments.data.parent / "baselines", chosen)
 
 
@@ -124,7 +131,8 @@ def synthetic(arguments, programs):
             output.mkdir(parents=True, exist_ok=True)
             programs.with_seed(seed).synthesise(scene, output / "scene")
             sequence = sequences.synthetic_sequence(f"{scene} {seed}", output / "scene")
-            results += run_sequence(programs, sequence, output, arguments.set)
+            results += [dict(result, scene=scene)
+                        for result in run_sequence(programs, sequence, output, arguments)]
     return results, []
 
 
@@ -136,6 +144,8 @@ def parse_arguments():
     sequences.add_arguments(parser, seeds=[1, 2, 3])
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                         help="for s3-refine with planes, e.g. planes.mode=fixed; may be repeated")
+    parser.add_argument("--slam-only", action="store_true",
+                        help="s3-slam alone: no masks, no bundle adjustment after it")
     parser.add_argument("--readme", action="store_true",
                         help="put the tables into README.md, between the marks made for them")
     parser.add_argument("--threads", type=int, default=os.cpu_count())

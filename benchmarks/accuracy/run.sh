@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Accuracy of the stages on real sequences and on synthetic scenes: one Markdown table and a JSON file.
 #
-#   benchmarks/accuracy/run.sh --data DIR [--sequences NAME...] [--output DIR]
-#   benchmarks/accuracy/run.sh --synthetic [--scenes NAME...] [--seeds N...] [--output DIR]
+#   benchmarks/accuracy/run.sh --data DIR [--sequences NAME...] [--slam-only] [--output DIR]
+#   benchmarks/accuracy/run.sh --synthetic [--scenes NAME...] [--seeds N...] [--slam-only] [--output DIR]
 #
 # Trajectories of other systems in DIR/../baselines are measured beside ours, by the same program.
 set -euo pipefail

@@ -63,6 +63,26 @@ def cost_table(results):
     return markdown(header, rows)
 
 
+def scene_table(results):
+    """One line per synthetic scene, over its seeds: s3-slam alone, errors relative to the path."""
+    scenes = {}
+    for result in results:
+        scenes.setdefault(result["scene"], {})[result["sequence"]] = result
+    header = ["scene", "seeds", "frames localised", "ATE / path [%]: median", "worst",
+              "runs that closed a loop"]
+    rows = []
+    for scene, by_sequence in scenes.items():
+        runs = by_sequence.values()
+        errors = [100.0 * run["slam"]["ate"]["groundtruth.txt"] / run["slam"]["path_length"]
+                  for run in runs]
+        rows.append([scene, len(runs),
+                     f"{sum(run['frames_localized'] for run in runs)}/"
+                     f"{sum(run['frames'] for run in runs)}",
+                     f"{statistics.median(errors):.4f}", f"{max(errors):.4f}",
+                     f"{sum(run['loops_closed'] > 0 for run in runs)}/{len(runs)}"])
+    return markdown(header, rows)
+
+
 def baseline_table(baselines):
     """Median over the runs of each system (range in brackets), all frames it tracked."""
     header = ["sequence", "reference", "system", "runs", "frames", "ATE"]
@@ -76,14 +96,42 @@ def baseline_table(baselines):
     return markdown(header, rows)
 
 
+def offset_row(sequence, system, offsets):
+    """Medians over the runs that tell an offset."""
+    told = [offset for offset in offsets if offset["seconds"] is not None]
+    if not told:
+        return [sequence, system, f"0/{len(offsets)}", "-", "-", "-"]
+    seconds, sigma, without, ate = (statistics.median(offset[key] for offset in told) for key in
+                                    ("seconds", "sigma_s", "ate_without", "ate"))
+    return [sequence, system, f"{len(told)}/{len(offsets)}",
+            f"{1000.0 * seconds:.1f} ± {1000.0 * sigma:.1f}", f"{without:.4f}", f"{ate:.4f}"]
+
+
+def offset_table(results, baselines):
+    """How far the clock of the reference is ahead, by each system, and the ATE without it."""
+    header = ["sequence", "system", "runs", "reference late by [ms]", "ATE", "ATE with that offset"]
+    ours = {result["sequence"]: result["slam"]["time_offset"] for result in results}
+    rows = []
+    for sequence, offset in ours.items():
+        rows.append(offset_row(sequence, "s3-slam", [offset]))
+        rows += [offset_row(sequence, entry["system"],
+                            [run["time_offset"] for run in entry["runs"]])
+                 for entry in baselines if entry["sequence"] == sequence]
+    return markdown(header, rows)
+
+
 def report(results, baselines):
     text = "Trajectory error: RMSE of the positions after Sim(3) alignment, all localised frames.\n\n"
     text += accuracy_table(results)
     if any(result.get("planar") for result in results):
         text += "\nPlanes: each arm fits its own map; medians over the true planes that all arms found.\nArms: SLAM → BA without planes → planar BA.\n\n" + plane_table(results)
+    if all("scene" in result for result in results):
+        text += "\nScenes, s3-slam alone, over the seeds.\n\n" + scene_table(results)
     text += "\nCost: wall time and peak memory of each program.\n\n" + cost_table(results)
     if baselines:
         text += "\nOther systems on the same images.\n\n" + baseline_table(baselines)
+        text += ("\nWith the clocks' offset estimated together with the alignment "
+                 "(`s3-eval --time-offset auto`).\n\n" + offset_table(results, baselines))
     return text
 
 
