@@ -28,6 +28,8 @@ bool HasImageSignature(std::string_view bytes) {
   constexpr std::array kSignatures = {"\xff\xd8"sv, "\x89PNG"sv, "BM"sv, "II*\0"sv, "MM\0*"sv,
                                       "II+\0"sv,    "MM\0+"sv,   "P1"sv, "P2"sv,    "P3"sv,
                                       "P4"sv,       "P5"sv,      "P6"sv};
+  constexpr size_t kDicomAt = 128;  // OpenCV takes it for DICOM, whatever it begins with.
+  if (bytes.size() > kDicomAt && bytes.substr(kDicomAt, 4) == "DICM") return false;
   if (bytes.starts_with("RIFF") && bytes.size() > 12) return bytes.substr(8, 4) == "WEBP";
   return std::any_of(kSignatures.begin(), kSignatures.end(),
                      [&](std::string_view signature) { return bytes.starts_with(signature); });

@@ -3,11 +3,14 @@
 # looks at what is left: the output folder has to be the old one or the complete new one, and the next
 # run has to succeed and to leave nothing else.
 #
-#   tests/chain/kill.sh BIN_DIR CLASS_TABLE SCENE_DIR [N]
+#   tests/chain/kill.sh BIN_DIR CLASS_TABLE SCENE_DIR [N [STAGE...]]
 #
-# N (default 200) is per stage; SCENE_DIR is a sequence that s3-synth rendered.
+# N (default 200) is per stage; SCENE_DIR is a sequence that s3-synth rendered; STAGE is slam, lift or
+# refine (default: all of them).
 set -euo pipefail
 bin=$1 classes=$2 scene=$3 count=${4:-200}
+stages=("${@:5}")
+if ((${#stages[@]} == 0)); then stages=(slam lift refine); fi
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 RANDOM=1  # The same moments again, as far as the machine allows.
@@ -23,6 +26,7 @@ stage() {  # The command line of a stage, but for its output.
     lift) command=("$bin/s3-lift" --model "$work/model" --masks "$scene/panoptic_clean"
       --classes "$classes") ;;
     refine) command=("$bin/s3-refine" --model "$work/model" --semantics "$work/semantics") ;;
+    *) echo "kill.sh: $1: no stage" >&2 && exit 2 ;;
   esac
   command+=("${common[@]}" --overwrite --output "$2")
 }
@@ -32,7 +36,7 @@ digest() {  # Of all files but the reports, which have times.
 }
 
 failed=0
-for name in slam lift refine; do
+for name in "${stages[@]}"; do
   place=$work/$name
   mkdir "$place"
   stage "$name" "$place/out"

@@ -133,6 +133,18 @@ TEST(ImageFile, WhatIsNoImageIsRefused) {
   EXPECT_THROW((void)ReadImageFile(dir / "absent.png", cv::IMREAD_ANYCOLOR), InputError);
 }
 
+TEST(ImageFile, WhatOpenCvTakesForDicomIsRefusedWhateverItBeginsWith) {
+  const TempDir dir;
+  for (const char* extension : {".pgm", ".png", ".jpg", ".webp"}) {
+    std::string bytes = Encode(extension, NoisyImage(1));
+    ASSERT_GT(bytes.size(), 132U);
+    bytes.replace(128, 4, "DICM");
+    const auto path = dir.Write(std::string("image") + extension, bytes);
+    EXPECT_THAT([&] { (void)ReadImageFile(path, cv::IMREAD_ANYCOLOR); },
+                ThrowsMessage<InputError>(HasSubstr("not an image, or damaged: JPEG, PNG")));
+  }
+}
+
 TEST(ImageFile, ADamagedPngIsRefused) {
   const TempDir dir;
   std::string bytes = Encode(".png", NoisyImage(3));
