@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <cstdlib>
 #include <limits>
 #include <new>
 #include <opencv2/imgcodecs.hpp>
@@ -72,6 +73,86 @@ uint64_t PngBitsPerPixel(std::string_view bytes) {
   return kChannels[colour_type] * bit_depth;
 }
 
+/// `count` bytes at an offset that is within the file, the least significant first.
+uint32_t LittleEndian(std::string_view bytes, size_t offset, size_t count) {
+  uint32_t value = 0;
+  for (size_t i = count; i-- > 0;) value = value << 8 | static_cast<uint8_t>(bytes[offset + i]);
+  return value;
+}
+
+/// Where the headers of a BMP have what is needed here; that of OS/2 is older and shorter.
+constexpr size_t kBmpHeaderSizeAt = 14;
+constexpr size_t kBmpCompressionAt = 30;
+constexpr size_t kBmpHeadersEnd = 34;
+constexpr uint32_t kOldBmpHeaderSize = 12;
+
+bool IsBmp(std::string_view bytes) {
+  return bytes.starts_with("BM") && bytes.size() >= kBmpHeadersEnd;
+}
+
+bool IsOldBmp(std::string_view bytes) {
+  return LittleEndian(bytes, kBmpHeaderSizeAt, 4) == kOldBmpHeaderSize;
+}
+
+std::optional<cv::Size> BmpSize(std::string_view bytes) {
+  if (!IsBmp(bytes)) return std::nullopt;
+  if (IsOldBmp(bytes)) {
+    return cv::Size(static_cast<int>(LittleEndian(bytes, 18, 2)),
+                    static_cast<int>(LittleEndian(bytes, 20, 2)));
+  }
+  const auto magnitude = [&](size_t offset) {  // Negative heights are of images from above.
+    const auto value = static_cast<int32_t>(LittleEndian(bytes, offset, 4));
+    return std::abs(std::max(value, -std::numeric_limits<int>::max()));
+  };
+  return cv::Size(magnitude(18), magnitude(22));
+}
+
+/// Bits that a pixel of a BMP takes at least: of run lengths, four bytes can skip 255 x 255 pixels.
+double BmpBitsPerPixel(std::string_view bytes) {
+  constexpr uint32_t kRunLengths8 = 1;
+  constexpr uint32_t kRunLengths4 = 2;
+  if (IsOldBmp(bytes)) return LittleEndian(bytes, 24, 2);
+  const uint32_t compression = LittleEndian(bytes, kBmpCompressionAt, 4);
+  if (compression == kRunLengths8 || compression == kRunLengths4) return 32.0 / (255.0 * 255.0);
+  return LittleEndian(bytes, 28, 2);
+}
+
+/// Of a PBM, PGM or PPM, as OpenCV reads them: one character after a number is passed over,
+/// whatever it is.
+std::optional<cv::Size> PnmSize(std::string_view bytes) {
+  if (bytes.size() < 3 || bytes[0] != 'P' || bytes[1] < '1' || bytes[1] > '6') return std::nullopt;
+  size_t at = 2;
+  const auto is = [&](int (*is_of_kind)(int)) {
+    return at < bytes.size() && is_of_kind(static_cast<unsigned char>(bytes[at])) != 0;
+  };
+  const auto read_number = [&] {
+    while (is(std::isspace) || (at < bytes.size() && bytes[at] == '#')) {
+      at = bytes[at] == '#' ? std::min(bytes.find_first_of("\r\n", at), bytes.size()) : at + 1;
+    }
+    int64_t value = 0;
+    for (; is(std::isdigit); ++at) {
+      value = std::min<int64_t>(10 * value + (bytes[at] - '0'), std::numeric_limits<int>::max());
+    }
+    ++at;
+    return static_cast<int>(value);
+  };
+  const int width = read_number();
+  return cv::Size(width, read_number());
+}
+
+double PnmBitsPerPixel(std::string_view bytes) {
+  if (bytes[1] == '4') return 1.0;
+  return bytes[1] == '6' ? 24.0 : 8.0;  // Of a text, one character at least.
+}
+
+/// What the header says, where it is one that is read here: not of TIFF and WebP.
+std::optional<cv::Size> ClaimedSize(std::string_view bytes) {
+  if (internal::IsJpeg(bytes)) return internal::JpegSize(bytes);
+  if (const auto size = PngSize(bytes)) return size;
+  if (const auto size = BmpSize(bytes)) return size;
+  return PnmSize(bytes);
+}
+
 /// The least that a file with this many pixels has to have [bytes].
 uint64_t LeastFileSize(std::string_view bytes, uint64_t num_pixels) {
   // Deflate codes at most 258 bytes in 2 bits. JPEG spends a bit or more on a block of 64 pixels,
@@ -79,14 +160,18 @@ uint64_t LeastFileSize(std::string_view bytes, uint64_t num_pixels) {
   constexpr uint64_t kMaxPngRatio = 1032;
   constexpr uint64_t kMaxJpegPixelsPerByte = 4096;
   if (internal::IsJpeg(bytes)) return num_pixels / kMaxJpegPixelsPerByte;
+  const auto of_bits = [&](double bits_per_pixel) {
+    return static_cast<uint64_t>(static_cast<double>(num_pixels) * bits_per_pixel / 8.0);
+  };
+  if (IsBmp(bytes)) return of_bits(BmpBitsPerPixel(bytes));
+  if (PnmSize(bytes)) return of_bits(PnmBitsPerPixel(bytes));
   return num_pixels * PngBitsPerPixel(bytes) / 8 / kMaxPngRatio;
 }
 
 /// Holds what a header claims against the size of the file, before a decoder takes the memory.
 void CheckClaimedSize(std::string_view bytes, const std::string& source) {
   constexpr uint64_t kMaxPixels = 1 << 30;  // OpenCV's own limit.
-  std::optional<cv::Size> size = PngSize(bytes);
-  if (!size && internal::IsJpeg(bytes)) size = internal::JpegSize(bytes);
+  const std::optional<cv::Size> size = ClaimedSize(bytes);
   if (!size) return;
   const uint64_t num_pixels =
       static_cast<uint64_t>(size->width) * static_cast<uint64_t>(size->height);

@@ -145,6 +145,28 @@ TEST(ImageFile, WhatOpenCvTakesForDicomIsRefusedWhateverItBeginsWith) {
   }
 }
 
+TEST(ImageFile, SizesThatAFileCannotHoldAreRefusedBeforeDecoding) {
+  const TempDir dir;
+  const auto expect_refused = [&](const std::string& bytes, const std::string& size) {
+    const auto path = dir.Write("image", bytes);
+    EXPECT_THAT([&] { (void)ReadImageFile(path, cv::IMREAD_ANYCOLOR); },
+                ThrowsMessage<InputError>(
+                    AllOf(HasSubstr(size), HasSubstr("damaged"), HasSubstr("cannot be"))));
+  };
+  expect_refused("P1 20000;9995", "20000 x 9995");
+  expect_refused("P5 #comment\n 20000\n9995 255\n", "20000 x 9995");
+  const std::string pgm = Encode(".pgm", NoisyImage(1));
+  const std::string ppm = Encode(".ppm", NoisyImage(3));
+  expect_refused(pgm.substr(0, 48 * 64 - 1), "64 x 48");
+  expect_refused(ppm.substr(0, 3 * 48 * 64 - 1), "64 x 48");
+  std::string bmp = Encode(".bmp", NoisyImage(3));
+  bmp[20] = 1;  // The third byte of the width.
+  expect_refused(bmp, "65600 x 48");
+  bmp[30] = 1;   // Compressed by run lengths, and too large even so.
+  bmp[23] = 16;  // The second byte of the height.
+  expect_refused(bmp, "65600 x 4144");
+}
+
 TEST(ImageFile, ADamagedPngIsRefused) {
   const TempDir dir;
   std::string bytes = Encode(".png", NoisyImage(3));
