@@ -247,7 +247,9 @@ class Adjustment {
     for (auto& pose : poses_) {
       if (problem_.HasParameterBlock(pose.data())) ordering->AddElementToGroup(pose.data(), 1);
     }
-    ordering->AddElementToGroup(camera_.params.data(), 1);
+    // Ceres orders the blocks of a group by their addresses, of which only those of one vector are
+    // in the same order every time.
+    ordering->AddElementToGroup(camera_.params.data(), 2);
     solver.linear_solver_ordering = ordering;
     std::string error;
     S3LAM_CHECK_MSG(solver.IsValid(&error), "{}", error);

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Runs all stages with 1, 2 and 8 threads, and twice with 8, and compares the bytes of what they write;
-# with a second folder of programs, e.g. of another build folder, also those of its stages.
+# Runs all stages, the first also with a camera that is not known, with 1, 2 and 8 threads, and twice
+# with 8, and compares the bytes of what they write; with a second folder of programs, e.g. of another
+# build folder, also those of its stages.
 #
 #   same_bytes.sh BIN_DIR CLASS_TABLE SCENE_DIR [OTHER_BIN_DIR]
 #
@@ -14,6 +15,8 @@ trap 'rm -rf "$work"' EXIT
 run() { # run NAME BIN_DIR THREADS: all stages into $work/NAME.
   local out=$work/$1 programs=$2 common=(--quiet --progress none --threads "$3")
   "$programs/s3-slam" --sequence "$scene" --output "$out/1_slam" --database "${common[@]}"
+  "$programs/s3-slam" --sequence "$scene" --frames :40 --camera auto --output "$out/1_slam_auto" \
+    "${common[@]}"
   "$programs/s3-lift" --model "$out/1_slam" --masks "$scene/panoptic_noisy" --classes "$classes" \
     --output "$out/2_lift" "${common[@]}"
   "$programs/s3-refine" --model "$out/1_slam" --semantics "$out/2_lift" --output "$out/3_refine" \
