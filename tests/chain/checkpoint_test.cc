@@ -137,6 +137,43 @@ TEST_F(CheckpointTest, SlamInPiecesGivesTheSameBytes) {
   testing::ExpectSameBytes(ChainFolder("1_slam"), output());
 }
 
+TEST_F(CheckpointTest, SlamWithUnknownCameraInPiecesGivesTheSameBytes) {
+  std::vector<std::string> words = {Tool("s3-slam"),
+                                    "--quiet",
+                                    "--camera",
+                                    "auto",
+                                    "--frames",
+                                    ":40",
+                                    "--checkpoint-every",
+                                    "0",
+                                    "--sequence",
+                                    ChainFolder("scene").string(),
+                                    "--output"};
+  const fs::path whole = place_ / "whole";
+  const ProgramResult result = RunProgramApart([&] {
+    std::vector<std::string> at_once = words;
+    at_once.push_back(whole.string());
+    return at_once;
+  }());
+  ASSERT_EQ(result.exit_code, kDone) << result.errors;
+  words.push_back(output().string());
+  EXPECT_GE(RunInPieces(Resumed(words)), 5);
+  testing::ExpectSameBytes(whole, output());
+}
+
+TEST_F(CheckpointTest, OfChangedImagesIsRefused) {
+  const fs::path scene = place_ / "scene";
+  fs::copy(ChainFolder("scene"), scene, fs::copy_options::recursive);
+  const std::vector<std::string> words = {Tool("s3-slam"), "--quiet",  "--sequence",
+                                          scene.string(),  "--output", output().string()};
+  Interrupt(WithCheckpoint(words));
+  const fs::path image = scene / "rgb/frame-000003.jpg";  // Of the same size as before.
+  std::string bytes = FileBytes(image);
+  bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
+  place_.Write(fs::relative(image, place_.path()), bytes);
+  ExpectRefused(Resumed(words), kBadInput, {checkpoint().string(), "inputs/images was"});
+}
+
 TEST_F(CheckpointTest, OfAnotherRunIsRefusedByName) {
   Interrupt(WithCheckpoint(Refine({})));
   const std::string folder = checkpoint().string();

@@ -133,7 +133,7 @@ TEST(Chain, ReportsSayWhatTheResultWasMadeOf) {
   }
   const json images = ChainReport("1_slam")["inputs"]["images"];
   EXPECT_EQ(images["files"], ChainReport("1_slam")["frames"]);
-  EXPECT_EQ(images["sha256_of"], "sizes and names");
+  EXPECT_EQ(images["sha256_of"], "sizes, CRC-32 and names");
   const json lift = ChainReport("2_lift_clean")["inputs"];
   const json refine = ChainReport("3_refine_clean")["inputs"];
   EXPECT_EQ(lift["classes"]["sha256"],

@@ -21,7 +21,8 @@ class Provenance {
   /// Every file that there is of these names in a folder, each by its content.
   void AddFiles(const std::string& input, const std::filesystem::path& folder,
                 const std::vector<std::string>& names);
-  /// Many large files: by the lines "<size in bytes> <name>\n", in the order given.
+  /// Many large files: by the lines "<size in bytes> <CRC-32, 8 hexadecimal digits> <name>\n", in
+  /// the order given.
   void AddListing(const std::string& input, const std::filesystem::path& folder,
                   const std::vector<std::filesystem::path>& files);
   /// Every file under a folder, sorted by name, as a listing.
@@ -36,6 +37,7 @@ class Provenance {
  private:
   std::string program_;
   uint64_t seed_;
+  int num_threads_;
   nlohmann::json config_;
   nlohmann::json inputs_ = nlohmann::json::object();
 };
