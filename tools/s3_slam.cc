@@ -161,7 +161,7 @@ std::string Table(const slam::Report& report, const std::string& output) {
   if (report.focal) {
     table +=
         fmt::format("focal length        {:.1f} px refined from a guess of {:.0f}, sigma {:.2f}\n",
-                    report.focal->refined, report.focal->guess, report.focal->sigma);
+                    report.focal->refined, report.focal->guess, report.focal->Sigma());
   }
   for (size_t m = 1; m < report.maps.size(); ++m) {
     const slam::MapReport& map = report.maps[m];
@@ -173,6 +173,17 @@ std::string Table(const slam::Report& report, const std::string& output) {
     const bool lost = stretch.state == slam::StretchReport::State::kLost;
     table += fmt::format("{}     frames {} to {}\n", lost ? "not localised  " : "little trusted ",
                          stretch.first_frame, stretch.last_frame);
+  }
+  if (main.initial_other_motions > 0) {
+    table += fmt::format("planar start        {} other motions, error {:.2f} for {:.2f} sigma^2\n",
+                         main.initial_other_motions, main.initial_other_error, main.initial_error);
+  }
+  for (const slam::StopReport& stop : report.stops) {
+    const bool turns = stop.kind == slam::StopReport::Kind::kRotation;
+    table +=
+        fmt::format("{}frames {} to {}{}\n",
+                    turns ? "turns on the spot   " : "stands still        ", stop.first_frame,
+                    stop.last_frame, turns ? fmt::format(", by {:.1f} deg", stop.turn_deg) : "");
   }
   for (const auto& [step, seconds] : report.seconds) {
     table += fmt::format("{:<26}{:8.2f} s\n", step, seconds);
@@ -253,7 +264,8 @@ int main(int argc, char** argv) {
   add("ignore-masks", po::value<std::string>()->value_name("DIR"),
       "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift");
   add("database", po::bool_switch(),
-      "also write database.db: keypoints and matches of the keyframes, for colmap mapper");
+      "also write database.db: keypoints and matches of the keyframes, for colmap mapper; without "
+      "descriptors, so COLMAP's matchers can add none");
   add("output", po::value<std::string>()->value_name("DIR"), "where the result goes");
   AddCheckpointArguments(program.arguments);
   add("checkpoint-every", po::value<double>()->default_value(30.0)->value_name("S"),

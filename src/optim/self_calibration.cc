@@ -18,6 +18,7 @@ constexpr int kMaxParams = 12;
 constexpr double kHuberSigma = 2.4477;    // sqrt(5.991)
 constexpr double kGaugeDamping = 1e-9;    // Of the diagonal.
 constexpr double kPrincipalSigma = 0.02;  // Of the longer side, from the centre.
+constexpr int kNumParts = 5;              // Whose focal lengths are compared.
 constexpr double kDistortionSigma = 0.3;  // Of wide lenses' first radial term.
 
 /// r = inverse_sigma (project(exp(omega) R X + t) - pixel), with R the pose's rotation at the
@@ -296,6 +297,28 @@ class Adjustment {
   ceres::Problem problem_{BorrowingLoss()};
 };
 
+/// What the poses [begin, end) saw.
+CalibrationProblem PartOf(const CalibrationProblem& problem, int begin, int end) {
+  CalibrationProblem part;
+  part.poses.assign(problem.poses.begin() + begin, problem.poses.begin() + end);
+  std::vector<int> times_seen(problem.points.size(), 0);
+  const auto is_inside = [&](const auto& o) { return o.pose >= begin && o.pose < end; };
+  for (const auto& o : problem.observations) times_seen[o.point] += is_inside(o) ? 1 : 0;
+  std::vector<int> index(problem.points.size(), -1);
+  for (size_t i = 0; i < index.size(); ++i) {
+    if (times_seen[i] < 2) continue;
+    index[i] = static_cast<int>(part.points.size());
+    part.points.push_back(problem.points[i]);
+  }
+  for (auto o : problem.observations) {
+    if (!is_inside(o) || index[o.point] < 0) continue;
+    o.pose -= begin;
+    o.point = index[o.point];
+    part.observations.push_back(o);
+  }
+  return part;
+}
+
 }  // namespace
 
 void SelfCalibrationOptions::Visit(OptionVisitor& v) {
@@ -348,6 +371,31 @@ std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& o
   refinement.poses = adjustment.Poses(problem.poses);
   refinement.points = adjustment.points();
   return refinement;
+}
+
+double FocalSigmaBetweenParts(const SelfCalibrationOptions& options, const Camera& camera,
+                              const FocalPrior& prior, const CalibrationProblem& problem) {
+  const int num_poses = static_cast<int>(problem.poses.size());
+  std::vector<double> focals;
+  std::vector<double> weights;
+  for (int part = 0; part < kNumParts; ++part) {
+    const auto refined = RefineIntrinsics(
+        options, camera, prior,
+        PartOf(problem, part * num_poses / kNumParts, (part + 1) * num_poses / kNumParts));
+    if (!refined) continue;
+    focals.push_back(refined->camera.FocalX());
+    weights.push_back(1.0 / (refined->focal_sigma * refined->focal_sigma));
+  }
+  if (focals.size() < 2) return 0.0;
+  const auto count = static_cast<Eigen::Index>(focals.size());
+  const Eigen::Map<const Eigen::ArrayXd> f(focals.data(), count);
+  const Eigen::Map<const Eigen::ArrayXd> w(weights.data(), count);
+  const double sum = w.sum();
+  const double mean = (w * f).sum() / sum;
+  const double chi_square = (w * (f - mean).square()).sum();
+  const double excess = std::max(0.0, chi_square - static_cast<double>(count - 1));
+  const double variance = excess / (sum - w.square().sum() / sum);  // Between the parts.
+  return std::sqrt(variance * w.square().sum()) / sum;
 }
 
 }  // namespace s3lam

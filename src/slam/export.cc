@@ -149,7 +149,22 @@ MapReport DescribeMap(const Model& model, const MapBuilder& builder,
   report.num_relocalizations = builder.num_relocalizations();
   report.initial_frames = {builder.initial_pair().frame_a, builder.initial_pair().frame_b};
   report.initial_parallax_deg = builder.initial_pair().parallax_deg;
+  report.initial_error = builder.initial_pair().mean_squared_error;
+  report.initial_rotation_only_error = builder.initial_pair().rotation_only_error;
+  report.initial_other_motions = builder.initial_pair().num_other_motions;
+  report.initial_other_error = builder.initial_pair().other_error;
   return report;
+}
+
+double MedianDepth(const Map& map, const FrameTrack& track) {
+  std::vector<double> depths;
+  for (const PointMatch& match : track.matches) {
+    depths.push_back((track.cam_from_world * map.point(match.point).position).z());
+  }
+  if (depths.empty()) return 0.0;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return *middle;
 }
 
 FrameReport DescribeFrame(const Undistorter& undistorter, const Map& map, int frame,

@@ -96,6 +96,33 @@ int ExtendTracks(const FrameFeatures& start, const FrameFeatures& next, double r
   return found;
 }
 
+bool IsSameMotion(const Rigid3& a, const Rigid3& b) {
+  constexpr double kSameTurn = 0.01;      // [rad]
+  constexpr double kSameDirection = 0.1;  // [rad]
+  const double cosine = a.translation.normalized().dot(b.translation.normalized());
+  return RotationAngle(a.rotation, b.rotation) < kSameTurn && cosine > std::cos(kSameDirection);
+}
+
+/// The pair of the smallest error, and what it says of the other motions that would do as well.
+std::optional<InitialPair> BestOf(std::vector<InitialPair> pairs, double rotation_only_error) {
+  std::stable_sort(pairs.begin(), pairs.end(), [](const InitialPair& a, const InitialPair& b) {
+    return a.mean_squared_error < b.mean_squared_error;
+  });
+  std::vector<Rigid3> motions;
+  for (const InitialPair& pair : pairs) {
+    const bool is_known = std::any_of(motions.begin(), motions.end(), [&](const Rigid3& motion) {
+      return IsSameMotion(motion, pair.b_from_a);
+    });
+    if (is_known || rotation_only_error < kMinErrorGain * pair.mean_squared_error) continue;
+    motions.push_back(pair.b_from_a);
+    if (motions.size() == 2) pairs.front().other_error = pair.mean_squared_error;
+  }
+  if (motions.empty()) return std::nullopt;
+  pairs.front().rotation_only_error = rotation_only_error;
+  pairs.front().num_other_motions = static_cast<int>(motions.size()) - 1;
+  return std::move(pairs.front());
+}
+
 class PairEvaluator {
  public:
   PairEvaluator(const InitializerOptions& options, std::span<const FrameFeatures> frames,
@@ -117,15 +144,14 @@ class PairEvaluator {
       normalized_b.push_back(camera_.Normalize(*Pixel(*track, kNumViews - 1)));
     }
     const double threshold = 2.0 / (0.5 * (camera_.fx + camera_.fy));
-    std::optional<InitialPair> best;
+    std::vector<InitialPair> pairs;
     for (const Rigid3& b_from_a : RelativePoseCandidates(normalized_a, normalized_b, threshold)) {
-      const auto pair = EvaluateMotion(b_from_a);
-      if (pair && (!best || pair->mean_squared_error < best->mean_squared_error)) best = pair;
+      if (auto pair = EvaluateMotion(b_from_a)) pairs.push_back(std::move(*pair));
     }
-    if (best) best->rotation_only_error = RotationOnlyError();
+    if (pairs.empty()) return std::nullopt;
+    const std::optional<InitialPair> best = BestOf(std::move(pairs), RotationOnlyError());
     if (!best || static_cast<int>(best->points.size()) < options_.min_points ||
-        best->parallax_deg < options_.min_parallax_deg ||
-        best->rotation_only_error < kMinErrorGain * best->mean_squared_error) {
+        best->parallax_deg < options_.min_parallax_deg) {
       return std::nullopt;
     }
     return best;

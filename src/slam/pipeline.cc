@@ -11,6 +11,7 @@
 #include "s3lam/base/progress.h"
 #include "s3lam/slam/export.h"
 #include "s3lam/slam/run_state.h"
+#include "s3lam/slam/stops.h"
 
 namespace s3lam::slam {
 namespace {
@@ -138,7 +139,7 @@ FocalReport SearchCamera(const Options& options, const Input& input, const Vocab
   FocalReport report;
   report.guess = report.refined = input.focal_prior->focal;
   report.guess_relative_sigma = input.focal_prior->relative_sigma;
-  report.sigma = report.guess * report.guess_relative_sigma;
+  report.noise_sigma = report.guess * report.guess_relative_sigma;
   const TrialMapOptions trials{options.focal_search, options.self_calibration, options.features,
                                options.initializer,  options.tracker,          options.mapper,
                                options.num_threads};
@@ -152,16 +153,18 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
                   std::vector<FrameFeatures>& frames, Undistorter& undistorter, const Submaps& maps,
                   FocalReport& report) {
   Map& map = maps.front()->map();
-  const auto refined = RefineIntrinsics(options.self_calibration, undistorter.camera(), prior,
-                                        MakeCalibrationProblem(map));
+  const CalibrationProblem problem = MakeCalibrationProblem(map);
+  const auto refined =
+      RefineIntrinsics(options.self_calibration, undistorter.camera(), prior, problem);
   if (!refined) {
     spdlog::warn("the focal length cannot be refined");
     return;
   }
   ApplyRefinement(*refined, map);
   report.refined = refined->camera.FocalX();
-  report.sigma = refined->focal_sigma;
-  spdlog::info("focal length refined to {:.2f} +- {:.2f} px", report.refined, report.sigma);
+  report.noise_sigma = refined->focal_sigma;
+  report.parts_sigma = 0.0;
+  spdlog::info("focal length refined to {:.2f} +- {:.2f} px", report.refined, report.noise_sigma);
   ChangeCamera(refined->camera, options.num_threads, frames, undistorter);
   for (const auto& builder : maps) {
     builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
@@ -240,6 +243,21 @@ std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, cons
     localized.push_back(LocalizeFrames(options, *maps[m], belongs_elsewhere));
   }
   return localized;
+}
+
+/// Where each localised frame is, in whichever map.
+std::vector<std::optional<FrameView>> ViewsOf(
+    const Submaps& maps, const std::vector<std::vector<FrameTrack>>& localized) {
+  std::vector<std::optional<FrameView>> views(localized.front().size());
+  for (size_t m = 0; m < maps.size(); ++m) {
+    for (size_t i = 0; i < views.size(); ++i) {
+      const FrameTrack& track = localized[m][i];
+      if (!track.tracked) continue;
+      views[i] =
+          FrameView{static_cast<int>(m), track.cam_from_world, MedianDepth(maps[m]->map(), track)};
+    }
+  }
+  return views;
 }
 
 void AddFrames(const Undistorter& undistorter, const Map& map, int model,
@@ -343,6 +361,9 @@ Result Run(const Options& given, const Input& input) {
     if (input.focal_prior) {
       RefineCamera(options, *input.focal_prior, state.frames, state.undistorter, maps,
                    *state.report.focal);
+      state.report.focal->parts_sigma =
+          FocalSigmaBetweenParts(options.self_calibration, state.undistorter.camera(),
+                                 *input.focal_prior, MakeCalibrationProblem(maps.front()->map()));
     } else {
       Recalibrate(options, state.frames, state.undistorter, maps, state.report);
     }
@@ -378,9 +399,10 @@ Result Run(const Options& given, const Input& input) {
     spdlog::warn(
         "the motion does not determine the focal length (sigma {:.1f} of {:.1f} px): it is little "
         "more than a guess, and the map may be distorted; give the camera's calibration",
-        report.focal->sigma, report.focal->refined);
+        report.focal->Sigma(), report.focal->refined);
   }
   report.stretches = FindStretches(report.frames);
+  report.stops = FindStops(ViewsOf(maps, localized), state.undistorter.camera().FocalX());
   result.report = std::move(report);
   return result;
 }

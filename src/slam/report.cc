@@ -1,6 +1,7 @@
 #include "s3lam/slam/report.h"
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace s3lam::slam {
@@ -8,7 +9,8 @@ namespace {
 
 constexpr int kEnoughInliers = 60;
 constexpr double kEnoughSpread = 0.5;
-constexpr double kMaxRelativeFocalSigma = 0.01;
+constexpr double kMaxRelativeFocalSigma = 0.02;
+constexpr double kCommonFocalSigma = 0.01;
 constexpr double kRefuted = 0.04;  // Right maps stay below a quarter of this.
 constexpr double kGoodTrust = 0.5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
@@ -67,6 +69,25 @@ nlohmann::json ToJson(const LoopReport& loop) {
           {"correction_scale", loop.correction_scale}};
 }
 
+/// What was decided about the motion that the map starts from.
+nlohmann::json InitialMotionToJson(const MapReport& map) {
+  const bool is_ambiguous = map.initial_other_motions > 0;
+  return {
+      {"error", map.initial_error},
+      {"rotation_only_error", map.initial_rotation_only_error},
+      {"planar_ambiguity", is_ambiguous},
+      {"other_motions", map.initial_other_motions},
+      {"other_error", is_ambiguous ? nlohmann::json(map.initial_other_error) : nlohmann::json()}};
+}
+
+nlohmann::json ToJson(const StopReport& stop) {
+  const bool turns = stop.kind == StopReport::Kind::kRotation;
+  return {{"frames", {stop.first_frame, stop.last_frame}},
+          {"map", stop.map},
+          {"kind", turns ? "rotation" : "standstill"},
+          {"turn_deg", stop.turn_deg}};
+}
+
 nlohmann::json ToJson(const MapReport& map, size_t index) {
   nlohmann::json loops = nlohmann::json::array();
   for (const LoopReport& loop : map.loops.closed) loops.push_back(ToJson(loop));
@@ -82,6 +103,7 @@ nlohmann::json ToJson(const MapReport& map, size_t index) {
           {"mean_track_length", map.mean_track_length},
           {"initial_frames", map.initial_frames},
           {"initial_parallax_deg", map.initial_parallax_deg},
+          {"initial_motion", InitialMotionToJson(map)},
           {"loops_closed", loops},
           {"loops_rejected", map.loops.num_rejected}};
 }
@@ -98,7 +120,9 @@ nlohmann::json ToJson(const FocalReport& focal) {
   return {{"guess_px", focal.guess},
           {"guess_relative_sigma", focal.guess_relative_sigma},
           {"refined_px", focal.refined},
-          {"sigma_px", focal.sigma},
+          {"sigma_px", focal.Sigma()},
+          {"noise_sigma_px", focal.noise_sigma},
+          {"parts_sigma_px", focal.parts_sigma},
           {"determined", focal.IsDetermined()}};
 }
 
@@ -122,7 +146,11 @@ nlohmann::json ToJsonArray(const std::vector<T>& items) {
 
 }  // namespace
 
-bool FocalReport::IsDetermined() const { return sigma <= kMaxRelativeFocalSigma * refined; }
+double FocalReport::Sigma() const {
+  return std::hypot(noise_sigma, parts_sigma, kCommonFocalSigma * refined);
+}
+
+bool FocalReport::IsDetermined() const { return Sigma() <= kMaxRelativeFocalSigma * refined; }
 
 double FrameTrust(const FrameReport& frame) {
   return std::min(1.0, static_cast<double>(frame.num_inliers) / kEnoughInliers) *
@@ -172,6 +200,7 @@ nlohmann::json ToJson(const Report& report) {
           {"focal_length", report.focal ? ToJson(*report.focal) : nlohmann::json()},
           {"seconds", report.seconds},
           {"stretches", ToJsonArray(report.stretches)},
+          {"stops", ToJsonArray(report.stops)},
           {"per_frame", ToJsonArray(report.frames)}};
 }
 

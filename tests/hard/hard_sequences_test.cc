@@ -174,6 +174,10 @@ TEST(HardSequence, AStopAndADuplicateAreNoMotion) {
   ExpectHonest(result, frames);
   EXPECT_EQ(CountLocalized(result), static_cast<int>(frames.size()));
   EXPECT_EQ(result.models.size(), 1U);
+  ASSERT_EQ(result.report.stops.size(), 1U);  // The duplicate at 20 is too short to be one.
+  EXPECT_EQ(result.report.stops[0].kind, slam::StopReport::Kind::kStandstill);
+  EXPECT_NEAR(result.report.stops[0].first_frame, 61, 1);
+  EXPECT_NEAR(result.report.stops[0].last_frame, 101, 1);
 }
 
 TEST(HardSequence, FramesOutOfOrderAreRecognised) {
@@ -299,6 +303,11 @@ TEST_P(Turn, OnTheSpotIsNotTakenForAMotion) {
   ExpectHonest(result, frames);
   EXPECT_GE(CountLocalized(result), static_cast<int>(frames.size()) / 2);
   EXPECT_EQ(result.models.size(), 1U);
+  EXPECT_TRUE(std::any_of(result.report.stops.begin(), result.report.stops.end(),
+                          [](const auto& s) {
+                            return s.kind == slam::StopReport::Kind::kRotation && s.turn_deg > 2.0;
+                          }))
+      << "no turn on the spot is told";
 }
 
 TEST(HardSequence, ACameraThatIsNotKnownIsFound) {

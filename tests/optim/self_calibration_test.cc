@@ -107,6 +107,42 @@ TEST(RefineIntrinsics, SaysThatAStraightMotionDoesNotDetermineTheFocalLength) {
   EXPECT_GT(refinement->focal_sigma, 0.02 * truth.FocalX());
 }
 
+/// The later poses see everything enlarged.
+CalibrationProblem MakeZoomed(double zoom) {
+  const Camera camera = MakeRadial(1.0);
+  CalibrationProblem problem = MakeProblem(camera);
+  const Eigen::Vector2d principal(camera.PrincipalX(), camera.PrincipalY());
+  for (auto& o : problem.observations) {
+    if (o.pose >= 7) o.pixel = principal + zoom * (o.pixel - principal);
+  }
+  return problem;
+}
+
+TEST(FocalSigmaBetweenParts, IsSmallForNoiseAndTrueWherePartsContradictOneAnother) {
+  const FocalPrior prior{500.0, 0.5};
+  const Camera camera = MakeRadial(1.0);
+  const CalibrationProblem alike = MakeZoomed(1.0);
+  const auto right = RefineIntrinsics({}, camera, prior, alike);
+  const CalibrationProblem zoomed = MakeZoomed(1.1);
+  const auto refinement = RefineIntrinsics({}, camera, prior, zoomed);
+  ASSERT_TRUE(right.has_value());
+  ASSERT_TRUE(refinement.has_value());
+  EXPECT_LT(FocalSigmaBetweenParts({}, camera, prior, alike), 4.0);
+  const double sigma = FocalSigmaBetweenParts({}, camera, prior, zoomed);
+  // No part has this focal length, and the noise does not tell.
+  const double off = std::max(std::abs(refinement->camera.FocalX() - 500.0),
+                              std::abs(refinement->camera.FocalX() - 550.0));
+  EXPECT_GT(off, 5.0 * refinement->focal_sigma);
+  EXPECT_LT(off, 4.0 * sigma);
+  EXPECT_LT(sigma, 25.0);
+}
+
+TEST(FocalSigmaBetweenParts, IsZeroWhereNoPartGivesAFocalLength) {
+  CalibrationProblem problem = MakeProblem(MakeRadial(1.0));
+  problem.observations.clear();
+  EXPECT_EQ(FocalSigmaBetweenParts({}, MakeRadial(1.0), {500.0, 0.5}, problem), 0.0);
+}
+
 TEST(RefineIntrinsics, LeavesAnExactMapAsItIs) {
   const Camera truth = MakeRadial(1.0);
   CalibrationProblem problem = MakeProblem(truth);

@@ -41,6 +41,7 @@ TEST_F(InitializerTest, FindsTheMotionInAGeneralScene) {
   ASSERT_TRUE(pair.has_value());
   EXPECT_GE(pair->points.size(), 150U);
   EXPECT_GE(pair->parallax_deg, 1.0);
+  EXPECT_EQ(pair->num_other_motions, 0);
   ExpectRightMotion(*pair);
 }
 
@@ -48,6 +49,9 @@ TEST_F(InitializerTest, SettlesThePlanarAmbiguity) {
   const auto frames = MakeFrames(true, {0.05, 0.0, 0.03}, {0.004, 0.004, 0.0});
   const auto pair = FindInitialPair({}, frames, undistorter_, 1);
   ASSERT_TRUE(pair.has_value());
+  EXPECT_EQ(pair->num_other_motions, 1);
+  EXPECT_GT(pair->other_error, pair->mean_squared_error);
+  EXPECT_LT(pair->other_error, pair->rotation_only_error);
   ExpectRightMotion(*pair);
 }
 

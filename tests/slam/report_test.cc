@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 namespace s3lam::slam {
 namespace {
 
@@ -34,6 +36,17 @@ TEST(FrameTrust, FallsWithFewPointsInOneCornerThatFitBadlyOrContradictions) {
   EXPECT_NEAR(trust(300, 1.0, 0.7, 0.02), 0.5, 1e-12);
   EXPECT_EQ(trust(300, 1.0, 0.7, 0.3), 0.0);
   EXPECT_EQ(trust(0, 0.0, 0.0, 0.0), 0.0);
+}
+
+TEST(FocalReport, SigmaHoldsNoiseAndWhatPartsDifferByAndHaveInCommon) {
+  FocalReport focal;
+  focal.refined = 500.0;
+  focal.noise_sigma = 1.0;
+  EXPECT_NEAR(focal.Sigma(), std::hypot(1.0, 5.0), 1e-12);
+  EXPECT_TRUE(focal.IsDetermined());
+  focal.parts_sigma = 9.0;
+  EXPECT_NEAR(focal.Sigma(), std::hypot(1.0, 9.0, 5.0), 1e-12);
+  EXPECT_FALSE(focal.IsDetermined());
 }
 
 TEST(Stretches, AreCutWhereMapOrTrustChange) {

@@ -73,4 +73,13 @@ std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& o
                                                  const Camera& camera, const FocalPrior& prior,
                                                  const CalibrationProblem& problem);
 
+/// What the focal lengths that five disjoint parts of the problem give, each of successive poses,
+/// differ by beyond their sigmas, as a standard deviation of the focal length of the whole [px]. A
+/// sigma holds independent noise only; what motion blur, a rolling shutter or an inexact distortion do
+/// depends on motion and scene, and differs between the parts. Taken as a random effect of each part
+/// (DerSimonian and Laird 1986). Poses, points and `camera` are those of the whole. 0 if fewer than
+/// two parts give a focal length.
+double FocalSigmaBetweenParts(const SelfCalibrationOptions& options, const Camera& camera,
+                              const FocalPrior& prior, const CalibrationProblem& problem);
+
 }  // namespace s3lam

@@ -35,6 +35,8 @@ Model Export(const Input& input, const Camera& camera, const Map& map,
 /// Figures of a model, and of the frames localised in it.
 MapReport DescribeMap(const Model& model, const MapBuilder& builder,
                       const std::vector<FrameTrack>& localized);
+/// Of the points that a frame sees, in its camera; 0 if it sees none.
+double MedianDepth(const Map& map, const FrameTrack& track);
 FrameReport DescribeFrame(const Undistorter& undistorter, const Map& map, int frame,
                           const FrameTrack& track);
 

@@ -42,11 +42,14 @@ struct InitialPair {
   double low_parallax_deg = 0.0;     // and what four fifths of them have.
   double mean_squared_error = 0.0;   // Over all tracks and views, in sigma, capped,
   double rotation_only_error = 0.0;  // and the same without any parallax.
+  int num_other_motions = 0;         // That explain the tracks' ends as well, as on a plane,
+  double other_error = 0.0;          // and the smallest of their errors, as above.
 
   template <typename A>
   void Transfer(A& archive) {
     archive(frame_a, frame_b, b_from_a.rotation, b_from_a.translation, points, parallax_deg,
-            low_parallax_deg, mean_squared_error, rotation_only_error);
+            low_parallax_deg, mean_squared_error, rotation_only_error, num_other_motions,
+            other_error);
   }
 };
 

@@ -7,6 +7,7 @@
 
 #include "s3lam/base/timer.h"
 #include "s3lam/slam/loop_closer.h"
+#include "s3lam/slam/stops.h"
 
 namespace s3lam::slam {
 
@@ -47,6 +48,13 @@ struct MapReport {
   int last_frame = -1;
   std::array<int, 2> initial_frames{-1, -1};
   double initial_parallax_deg = 0.0;
+  /// Of the initial pair, over all tracks, in sigma, capped: what the motion taken leaves, what a
+  /// mere rotation would, and what the next best of the other motions that would do as well would.
+  /// Such motions are the mark of a plane: its homography allows for two.
+  double initial_error = 0.0;
+  double initial_rotation_only_error = 0.0;
+  int initial_other_motions = 0;
+  double initial_other_error = 0.0;
   LoopClosingReport loops;
 };
 
@@ -55,8 +63,11 @@ struct FocalReport {
   double guess = 0.0;
   double guess_relative_sigma = 0.0;
   double refined = 0.0;
-  double sigma = 0.0;  // By the keypoints' noise alone; what is systematic comes on top.
+  double noise_sigma = 0.0;  // By the keypoints' noise alone.
+  double parts_sigma = 0.0;  // By how parts of the sequence differ, see FocalSigmaBetweenParts.
 
+  /// [px] Both, and 1 % for what all parts have in common.
+  [[nodiscard]] double Sigma() const;
   /// False where the motion, e.g. a straight one, leaves the focal length near to a guess.
   [[nodiscard]] bool IsDetermined() const;
 };
@@ -70,6 +81,7 @@ struct Report {
   double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
   std::vector<FrameReport> frames;
   std::vector<StretchReport> stretches;  // All frames, in order.
+  std::vector<StopReport> stops;
   StepTimes seconds;
 };
 nlohmann::json ToJson(const Report& report);
