@@ -43,7 +43,8 @@ TEST_F(RefineFeatures, GravityPutsTheLowestSurfaceAtZero) {
   const json gravity = Report()["gravity"];
   ASSERT_TRUE(gravity["aligned"]) << gravity["reason"];
   ASSERT_TRUE(gravity["floor_plane"].is_number());
-  for (const json& plane : ReadJson(output() / "planes.json")["planes"]) {
+  const json planes = ReadJson(output() / "planes.json")["planes"];
+  for (const json& plane : planes) {
     if (plane["id"] != gravity["floor_plane"]) continue;
     EXPECT_GT(plane["normal_in_world"][2].get<double>(), 0.999);
     EXPECT_NEAR(plane["centroid_in_world"][2].get<double>(), 0.0, 1e-9);
