@@ -82,7 +82,7 @@ void Provenance::AddFile(const std::string& input, const fs::path& path) {
 
 void Provenance::AddFiles(const std::string& input, const fs::path& folder,
                           const std::vector<std::string>& names) {
-  for (const std::string& name : names) AddFile(input + "/" + name, folder / name);
+  for (const std::string& name : names) AddFile(fmt::format("{}/{}", input, name), folder / name);
 }
 
 void Provenance::AddListing(const std::string& input, const fs::path& folder,
