@@ -10,8 +10,8 @@ namespace {
 constexpr int kEnoughInliers = 60;
 constexpr double kEnoughSpread = 0.5;
 constexpr double kMaxRelativeFocalSigma = 0.02;
-constexpr double kCommonFocalSigma = 0.01;
-constexpr double kRefuted = 0.04;  // Right maps stay below a quarter of this.
+constexpr double kCommonFocalSigma = 0.01;  // A choice; between parts nothing shows it.
+constexpr double kRefuted = 0.04;           // Right maps stay below a quarter of this.
 constexpr double kGoodTrust = 0.5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 
