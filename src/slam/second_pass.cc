@@ -7,6 +7,8 @@
 namespace s3lam {
 namespace {
 
+constexpr size_t kViewsOfNormal = 3;
+
 /// The observation whose descriptor stands for the point.
 size_t ReferenceOf(const Map& map, const MapPoint& point) {
   for (size_t i = 0; i < point.observations.size(); ++i) {
@@ -96,14 +98,34 @@ PatchView PatchPass::ViewOf(const Map& map, const MapObservation& o) const {
           keypoint.pixel.cast<double>(), keypoint.level};
 }
 
+Eigen::Vector3d PatchPass::NormalOf(const Map& map, const MapPoint& point,
+                                    size_t reference) const {
+  const auto ray_of = [&](size_t i) -> Eigen::Vector3d {
+    const Rigid3& pose = map.keyframe(point.observations[i].keyframe).cam_from_world;
+    return (point.position - pose.CenterInB()).normalized();
+  };
+  const Eigen::Vector3d reference_ray = ray_of(reference);
+  std::vector<std::pair<double, size_t>> by_cosine;
+  for (size_t i = 0; i < point.observations.size(); ++i) {
+    if (i != reference) by_cosine.emplace_back(ray_of(i).dot(reference_ray), i);
+  }
+  std::sort(by_cosine.begin(), by_cosine.end());
+  by_cosine.resize(std::min(by_cosine.size(), kViewsOfNormal));
+  std::vector<PatchView> targets;
+  for (const auto& [cosine, i] : by_cosine) targets.push_back(ViewOf(map, point.observations[i]));
+  return refiner_.EstimateNormal(ViewOf(map, point.observations[reference]), targets,
+                                 point.position, point.view_direction);
+}
+
 PatchPass::AlignedPixels PatchPass::AlignPoint(const Map& map, const MapPoint& point) const {
   const size_t reference = ReferenceOf(map, point);
   const PatchView reference_view = ViewOf(map, point.observations[reference]);
+  const Eigen::Vector3d normal = NormalOf(map, point, reference);
   AlignedPixels aligned(point.observations.size());
   for (size_t i = 0; i < aligned.size(); ++i) {
     if (i == reference) continue;
-    aligned[i] = refiner_.Align(reference_view, ViewOf(map, point.observations[i]), point.position,
-                                point.view_direction);
+    aligned[i] =
+        refiner_.Align(reference_view, ViewOf(map, point.observations[i]), point.position, normal);
   }
   const bool any =
       std::any_of(aligned.begin(), aligned.end(), [](const auto& a) { return a.has_value(); });
@@ -141,8 +163,10 @@ PatchRefinement PatchPass::RefineObservations(Map& map) const {
 std::vector<PatchPass::NewObservation> PatchPass::FindInNeighbours(
     const Map& map, const MapPoint& point, const std::vector<std::vector<int>>& neighbours) const {
   std::vector<NewObservation> found;
-  const MapObservation& reference = point.observations[ReferenceOf(map, point)];
+  const size_t reference_index = ReferenceOf(map, point);
+  const MapObservation& reference = point.observations[reference_index];
   const PatchView reference_view = ViewOf(map, reference);
+  const Eigen::Vector3d normal = NormalOf(map, point, reference_index);
   for (const int keyframe : neighbours[reference.keyframe]) {
     const bool seen = std::any_of(point.observations.begin(), point.observations.end(),
                                   [&](const MapObservation& o) { return o.keyframe == keyframe; });
@@ -156,7 +180,7 @@ std::vector<PatchPass::NewObservation> PatchPass::FindInNeighbours(
     const auto start = undistorter_.camera().ImageFromCamera(pose * point.position);
     if (!start) continue;
     const PatchView target{&pyramids_[keyframe], pose, *start, projection->level};
-    const auto pixel = refiner_.Align(reference_view, target, point.position, point.view_direction);
+    const auto pixel = refiner_.Align(reference_view, target, point.position, normal);
     const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
     if (!undistorted) continue;
     Keypoint keypoint;

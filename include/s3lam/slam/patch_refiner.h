@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "s3lam/slam/map.h"
@@ -19,6 +21,8 @@ struct PatchRefinerOptions {
   void Visit(OptionVisitor& v);
 };
 
+struct PatchTemplate;
+
 /// What a patch alignment needs to know of one observation.
 struct PatchView {
   const ImagePyramid* pyramid = nullptr;
@@ -28,27 +32,51 @@ struct PatchView {
 };
 
 /// Finds observations to a fraction of a pixel: the patch around one observation of a point, warped
-/// by the affine map that a small plane facing the cameras gives, is aligned with the image of
+/// by the affine map that a small plane through the point gives, is aligned with the image of
 /// another (Gauss-Newton on the shift and a brightness offset, inverse compositional: Baker and
-/// Matthews 2004; contrast is compared by the correlation).
+/// Matthews 2004; contrast is compared by the correlation). Where the plane is not the surface's,
+/// places drift along a track as the view gets more or less oblique, which moves the point off the
+/// surface.
 class PatchRefiner {
  public:
+  /// Rays of a target through the point's pixel and `step` pixels right of and below it.
+  struct TargetRays {
+    Eigen::Vector3d center_in_world;
+    std::array<Eigen::Vector3d, 3> rays_in_world;
+    double step = 0.0;  // px
+  };
+
   PatchRefiner(const PatchRefinerOptions& options, const FeatureOptions& feature_options,
                const Undistorter& undistorter);
 
+  /// Unit normal [world, away from the cameras] of the surface around a point: the one for which
+  /// its patches in the targets (those seen under the largest angle to the reference count most:
+  /// give these) look most like the reference's, by Gauss-Newton on two slopes and a shift and
+  /// brightness per target. `facing` is where it starts and what it keeps to without evidence.
+  [[nodiscard]] Eigen::Vector3d EstimateNormal(const PatchView& reference,
+                                               std::span<const PatchView> targets,
+                                               const Eigen::Vector3d& point,
+                                               const Eigen::Vector3d& facing) const;
+
   /// Pixel in `target` that shows what `reference` shows at its pixel; starts from target.pixel.
-  /// Empty if the alignment leaves the image, moves too far, does not converge or the patches
-  /// differ.
+  /// `normal` is the surface's at the point [world, away from the cameras]. Empty if the alignment
+  /// leaves the image, moves too far, does not converge or the patches differ.
   [[nodiscard]] std::optional<Eigen::Vector2d> Align(const PatchView& reference,
                                                      const PatchView& target,
                                                      const Eigen::Vector3d& point,
-                                                     const Eigen::Vector3d& view_direction) const;
+                                                     const Eigen::Vector3d& normal) const;
 
  private:
+  [[nodiscard]] std::optional<TargetRays> RaysOf(const PatchView& target,
+                                                 const Eigen::Vector3d& point) const;
   /// d(reference pixel) / d(target pixel); empty where the plane is not seen.
   [[nodiscard]] std::optional<Eigen::Matrix2d> ReferenceFromTarget(
-      const PatchView& reference, const PatchView& target, const Eigen::Vector3d& point,
-      const Eigen::Vector3d& view_direction) const;
+      const PatchView& reference, const TargetRays& target, const Eigen::Vector3d& point,
+      const Eigen::Vector3d& normal) const;
+  /// The reference's patch as it looks in a target on one of its levels.
+  [[nodiscard]] std::optional<PatchTemplate> WarpedPatch(const PatchView& reference,
+                                                         int target_level,
+                                                         const Eigen::Matrix2d& warp) const;
 
   const PatchRefinerOptions& options_;
   double scale_factor_;

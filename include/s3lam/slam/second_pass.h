@@ -58,6 +58,9 @@ class PatchPass {
   };
 
   [[nodiscard]] PatchView ViewOf(const Map& map, const MapObservation& o) const;
+  /// Of the surface around a point, from the views farthest from the reference observation's.
+  [[nodiscard]] Eigen::Vector3d NormalOf(const Map& map, const MapPoint& point,
+                                         size_t reference) const;
   [[nodiscard]] AlignedPixels AlignPoint(const Map& map, const MapPoint& point) const;
   [[nodiscard]] std::vector<NewObservation> FindInNeighbours(
       const Map& map, const MapPoint& point, const std::vector<std::vector<int>>& neighbours) const;
