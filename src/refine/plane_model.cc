@@ -175,14 +175,6 @@ double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, dou
   return plane.kappa * sigma_px * model.keypoint_size[point];
 }
 
-double TermSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
-                 const PlaneState& plane, int point) {
-  if (options.kind != PlaneSigmaKind::kPixel) {
-    return PlaneSigma(options, model, sigma_px, plane, point);
-  }
-  return options.min_kappa * sigma_px * model.keypoint_size[point];
-}
-
 std::vector<UncertainPoint> UncertainPoints(const PlaneSigmaOptions& options, double sigma_px,
                                             const PlaneState& state,
                                             const std::vector<int>& indices,
@@ -269,7 +261,7 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
     for (const int i : state.members) {
       const double strength = state.is_ground ? model.ground_strength : 1.0;
       problem.points_on_planes.push_back(
-          {i, static_cast<int>(k), TermSigma(sigma, model, sigma_px, state, i) / strength});
+          {i, static_cast<int>(k), PlaneSigma(sigma, model, sigma_px, state, i) / strength});
     }
   }
   std::sort(problem.points_on_planes.begin(), problem.points_on_planes.end(),

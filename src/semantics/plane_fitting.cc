@@ -17,6 +17,7 @@ namespace s3lam {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+constexpr size_t kLeastPart = 10;  // Points, to tell whether a plane is two.
 
 /// Depth of a point: the median over the cameras that observe it.
 double MedianDepthOf(const Reconstruction& reconstruction, const ScenePoint& point) {
@@ -150,9 +151,10 @@ std::optional<PlaneFit> FitLikeliestPlane(std::span<const UncertainPoint> points
   return expected;
 }
 
-/// The next plane among the candidates listed in `rest`, as one connected patch.
+/// The next plane among the candidates listed in `rest`, as one connected patch of one surface.
 std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::vector<size_t>& rest,
-                                     const Bands& bands, const PlaneOptions& options, Rng& rng) {
+                                     size_t min_inliers, const Bands& bands,
+                                     const PlaneOptions& options, Rng& rng) {
   std::vector<UncertainPoint> points;
   for (const size_t i : rest) points.push_back(candidates.points[i]);
   const auto whole = FitLikeliestPlane(points, bands, options, rng);
@@ -163,7 +165,10 @@ std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::ve
   }
   auto fit = FitPlane(candidates.points, patch);
   if (!fit || !bands.possible.Contains(fit->plane.normal)) return std::nullopt;
-  return fit;
+  PlaneFit part = SplitAtGaps(candidates.points, *fit, kLeastPart);
+  const bool is_sound =
+      part.inliers.size() >= min_inliers && bands.possible.Contains(part.plane.normal);
+  return is_sound ? std::move(part) : std::move(*fit);
 }
 
 std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstruction,
@@ -178,7 +183,7 @@ std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstructi
   std::vector<PlaneFit> fits;
   std::vector<size_t> too_small;  // Points of planes that are none.
   for (int i = 0; i < options.max_planes_per_cluster && rest.size() >= min_inliers; ++i) {
-    auto fit = FitNextPlane(candidates, rest, bands, options, rng);
+    auto fit = FitNextPlane(candidates, rest, min_inliers, bands, options, rng);
     if (!fit) break;
     std::vector<size_t> remaining;
     std::set_difference(rest.begin(), rest.end(), fit->inliers.begin(), fit->inliers.end(),

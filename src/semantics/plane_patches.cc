@@ -43,7 +43,68 @@ bool LieOverEachOther(std::span<const UncertainPoint> points, const PlaneFit& a,
   return 2 * static_cast<size_t>(inside) > small.inliers.size();
 }
 
+/// The inliers on either side of the widest gap along an axis that leaves `min_points` on each;
+/// empty if that is no gap worth the name. Ascending each.
+std::optional<std::pair<std::vector<size_t>, std::vector<size_t>>> PartAtGap(
+    std::span<const UncertainPoint> points, const PlaneFit& fit, const Eigen::Vector3d& axis,
+    size_t min_points) {
+  constexpr double kLeastGap = 0.1;  // Of the extent.
+  std::vector<std::pair<double, size_t>> along;
+  for (const size_t i : fit.inliers) along.emplace_back(axis.dot(points[i].xyz), i);
+  if (along.size() < 2 * min_points) return std::nullopt;
+  std::sort(along.begin(), along.end());
+  size_t at = 0;
+  double widest = kLeastGap * (along.back().first - along.front().first);
+  for (size_t k = min_points; k + min_points <= along.size(); ++k) {
+    const double gap = along[k].first - along[k - 1].first;
+    if (gap > widest) {
+      widest = gap;
+      at = k;
+    }
+  }
+  if (at == 0) return std::nullopt;
+  std::pair<std::vector<size_t>, std::vector<size_t>> parts;
+  for (size_t k = 0; k < along.size(); ++k) {
+    (k < at ? parts.first : parts.second).push_back(along[k].second);
+  }
+  std::sort(parts.first.begin(), parts.first.end());
+  std::sort(parts.second.begin(), parts.second.end());
+  return parts;
+}
+
+double SquaredSigmas(const PlaneFit& fit) {
+  return fit.rms_sigma * fit.rms_sigma * static_cast<double>(fit.inliers.size());
+}
+
 }  // namespace
+
+bool AreTwoSurfaces(const PlaneFit& joint, const PlaneFit& a, const PlaneFit& b) {
+  constexpr double kParameters = 3.0;  // Of a plane.
+  constexpr double kMinRatio = 10.0;   // 5.4 would be 99.9 %; the points are not quite independent.
+  const double freedom =
+      static_cast<double>(a.inliers.size() + b.inliers.size()) - 2.0 * kParameters;
+  if (freedom < kParameters) return false;
+  const double apart = SquaredSigmas(a) + SquaredSigmas(b);
+  return (SquaredSigmas(joint) - apart) / kParameters > kMinRatio * apart / freedom;
+}
+
+PlaneFit SplitAtGaps(std::span<const UncertainPoint> points, PlaneFit fit, size_t min_points) {
+  bool has_changed = true;
+  while (has_changed) {
+    has_changed = false;
+    for (const Eigen::Vector3d& axis : {fit.axis_u, fit.axis_v}) {
+      const auto parts = PartAtGap(points, fit, axis, min_points);
+      if (!parts) continue;
+      auto a = FitPlane(points, parts->first);
+      auto b = FitPlane(points, parts->second);
+      if (!a || !b || !AreTwoSurfaces(fit, *a, *b)) continue;
+      fit = std::move(a->inliers.size() >= b->inliers.size() ? *a : *b);
+      has_changed = true;
+      break;
+    }
+  }
+  return fit;
+}
 
 std::vector<size_t> LargestPatch(std::span<const UncertainPoint> points, const PlaneFit& fit,
                                  double max_gap) {
@@ -104,13 +165,15 @@ std::optional<PlaneFit> JoinPlanes(std::span<const UncertainPoint> points, const
                                    const JoinLimits& layered) {
   const double angle = PlaneAngle(a.plane, b.plane);
   if (angle > std::max(apart.max_angle, layered.max_angle)) return std::nullopt;
-  const JoinLimits& limits = LieOverEachOther(points, a, b) ? layered : apart;
+  const bool are_layers = LieOverEachOther(points, a, b);
+  const JoinLimits& limits = are_layers ? layered : apart;
   if (angle > limits.max_angle) return std::nullopt;
   std::vector<size_t> both;
   std::set_union(a.inliers.begin(), a.inliers.end(), b.inliers.begin(), b.inliers.end(),
                  std::back_inserter(both));
   std::optional<PlaneFit> joint = FitPlane(points, both);
   if (!joint || joint->rms_sigma > limits.max_sigmas) return std::nullopt;
+  if (!are_layers && AreTwoSurfaces(*joint, a, b)) return std::nullopt;
   return joint;
 }
 

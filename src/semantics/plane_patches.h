@@ -14,6 +14,16 @@ namespace s3lam {
 std::vector<size_t> LargestPatch(std::span<const UncertainPoint> points, const PlaneFit& fit,
                                  double max_gap);
 
+/// True if a plane of their own for each of two sets of inliers of `joint` explains them better
+/// than that one plane does: F-test of its three parameters, by the points' own scatter.
+bool AreTwoSurfaces(const PlaneFit& joint, const PlaneFit& a, const PlaneFit& b);
+
+/// Two surfaces with room between them may nearly line up, as houses along a street do: a plane
+/// through parts of both is neither's. Where the inliers leave a gap across the plane and the parts
+/// on either side are two surfaces, the larger part is kept, as often as that happens. Parts of
+/// fewer than `min_points` say nothing.
+PlaneFit SplitAtGaps(std::span<const UncertainPoint> points, PlaneFit fit, size_t min_points);
+
 /// A surface known with less certainty than its points claim, with those of the `free` points that
 /// lie within `max_sigmas` of its own scatter over its outline; the fit itself if that fails.
 PlaneFit GatherPoints(std::span<const UncertainPoint> points, std::span<const size_t> free,

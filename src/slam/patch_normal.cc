@@ -50,9 +50,8 @@ void AddPatch(const PatchTemplate& patch, const Eigen::Matrix2d& by_x, const Eig
     for (int u = -patch.half; u <= patch.half; ++u, ++k) {
       const Eigen::Vector2d slope = patch.gradients[k].cast<double>();
       const Eigen::Vector2d offset(u, v);
-      const double residual =
-          SampleImage(image, target.center.x() + u, target.center.y() + v) - patch.values[k] -
-          target.brightness;
+      const double residual = SampleImage(image, target.center.x() + u, target.center.y() + v) -
+                              patch.values[k] - target.brightness;
       Vector5 j;
       j << -slope.dot(by_x * offset), -slope.dot(by_y * offset), slope, -1.0;
       hessian.selfadjointView<Eigen::Lower>().rankUpdate(j);
@@ -65,8 +64,8 @@ void AddPatch(const PatchTemplate& patch, const Eigen::Matrix2d& by_x, const Eig
   const Eigen::LDLT<Eigen::Matrix3d> own(hessian.bottomRightCorner<3, 3>());
   target.coupling = own.solve(hessian.bottomLeftCorner<3, 2>());
   target.own_step = own.solve(gradient.tail<3>());
-  equations.hessian += hessian.topLeftCorner<2, 2>() -
-                       hessian.topRightCorner<2, 3>() * target.coupling;
+  equations.hessian +=
+      hessian.topLeftCorner<2, 2>() - hessian.topRightCorner<2, 3>() * target.coupling;
   equations.gradient += gradient.head<2>() - hessian.topRightCorner<2, 3>() * target.own_step;
 }
 

@@ -35,9 +35,8 @@ std::optional<PatchRefiner::TargetRays> PatchRefiner::RaysOf(const PatchView& ta
   TargetRays rays;
   rays.center_in_world = world_from_target.translation;
   rays.step = options_.half_size * std::pow(scale_factor_, target.level);
-  const std::array<Eigen::Vector2d, 3> offsets{Eigen::Vector2d(0.0, 0.0),
-                                               Eigen::Vector2d(rays.step, 0.0),
-                                               Eigen::Vector2d(0.0, rays.step)};
+  const std::array<Eigen::Vector2d, 3> offsets{
+      Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(rays.step, 0.0), Eigen::Vector2d(0.0, rays.step)};
   for (size_t i = 0; i < offsets.size(); ++i) {
     const auto undistorted = undistorter_.Undistort(*projected + offsets[i]);
     if (!undistorted) return std::nullopt;
@@ -70,7 +69,7 @@ std::optional<Eigen::Matrix2d> PatchRefiner::ReferenceFromTarget(
 }
 
 std::optional<PatchTemplate> PatchRefiner::WarpedPatch(const PatchView& reference, int target_level,
-                                                  const Eigen::Matrix2d& warp) const {
+                                                       const Eigen::Matrix2d& warp) const {
   // Sample the reference on the level on which one step of the target's level is about one pixel.
   const double target_scale = std::pow(scale_factor_, target_level);
   const double step = target_scale * std::sqrt(warp.determinant());
@@ -79,8 +78,8 @@ std::optional<PatchTemplate> PatchRefiner::WarpedPatch(const PatchView& referenc
       std::clamp(static_cast<int>(std::lround(std::log(step) / std::log(scale_factor_))), 0, top);
   const double reference_scale = std::pow(scale_factor_, level);
   return MakePatchTemplate(reference.pyramid->levels[level],
-                      reference.pyramid->ToLevel(reference.pixel, level),
-                      warp * (target_scale / reference_scale), options_.half_size);
+                           reference.pyramid->ToLevel(reference.pixel, level),
+                           warp * (target_scale / reference_scale), options_.half_size);
 }
 
 std::optional<Eigen::Vector2d> PatchRefiner::Align(const PatchView& reference,
@@ -88,8 +87,7 @@ std::optional<Eigen::Vector2d> PatchRefiner::Align(const PatchView& reference,
                                                    const Eigen::Vector3d& point,
                                                    const Eigen::Vector3d& normal) const {
   const auto rays = RaysOf(target, point);
-  const auto warp =
-      rays ? ReferenceFromTarget(reference, *rays, point, normal) : std::nullopt;
+  const auto warp = rays ? ReferenceFromTarget(reference, *rays, point, normal) : std::nullopt;
   if (!warp) return std::nullopt;
   const auto patch = WarpedPatch(reference, target.level, *warp);
   if (!patch) return std::nullopt;

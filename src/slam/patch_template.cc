@@ -30,7 +30,7 @@ bool IsInside(const cv::Mat& image, const Eigen::Vector2d& xy, double margin) {
 }
 
 std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen::Vector2d& center,
-                                     const Eigen::Matrix2d& warp, int half) {
+                                               const Eigen::Matrix2d& warp, int half) {
   // One wider on each side for the gradients.
   const double reach = (half + 1) * (warp.cwiseAbs().rowwise().sum().maxCoeff());
   if (!IsInside(image, center, reach + 1.0)) return std::nullopt;
@@ -73,7 +73,8 @@ std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen
   return patch;
 }
 
-double PatchCorrelation(const PatchTemplate& patch, const cv::Mat& image, const Eigen::Vector2d& center) {
+double PatchCorrelation(const PatchTemplate& patch, const cv::Mat& image,
+                        const Eigen::Vector2d& center) {
   double sum = 0.0;
   double sum_squared = 0.0;
   double product = 0.0;
@@ -94,7 +95,7 @@ double PatchCorrelation(const PatchTemplate& patch, const cv::Mat& image, const 
 }
 
 bool AlignPatch(const PatchTemplate& patch, const cv::Mat& image, int max_iterations,
-                   Eigen::Vector2d& center) {
+                Eigen::Vector2d& center) {
   double brightness = 0.0;
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
     if (!IsInside(image, center, patch.half + 1.0)) return false;

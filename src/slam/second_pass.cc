@@ -98,8 +98,7 @@ PatchView PatchPass::ViewOf(const Map& map, const MapObservation& o) const {
           keypoint.pixel.cast<double>(), keypoint.level};
 }
 
-Eigen::Vector3d PatchPass::NormalOf(const Map& map, const MapPoint& point,
-                                    size_t reference) const {
+Eigen::Vector3d PatchPass::NormalOf(const Map& map, const MapPoint& point, size_t reference) const {
   const auto ray_of = [&](size_t i) -> Eigen::Vector3d {
     const Rigid3& pose = map.keyframe(point.observations[i].keyframe).cam_from_world;
     return (point.position - pose.CenterInB()).normalized();

@@ -91,6 +91,27 @@ TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
   EXPECT_GT(map.planes.size(), 1U);
 }
 
+TEST(FitPlanes, TakesSurfacesThatNearlyLineUpForTwo) {
+  constexpr double kStep = 0.06;
+  Reconstruction scene = FlatScene(800);
+  Rng rng(5);
+  SemanticMap map = OneCluster(scene, true);
+  std::erase_if(map.clusters.begin()->second.points,
+                [&](PointId id) { return std::abs(scene.points.at(id).xyz.x()) < 0.5; });
+  for (auto& [id, point] : scene.points) {
+    point.xyz.z() = (point.xyz.x() > 0.0 ? kStep : 0.0) + rng.Gaussian(0.0, 0.003);
+  }
+  PlaneOptions options;
+  options.roughness = 0.01;  // Far more than there is: one plane holds both surfaces.
+  FitPlanes(scene, EstimateKeypointSigma(scene), options, 0, 1, map);
+  ASSERT_EQ(map.planes.size(), 2U);
+  for (const auto& [id, plane] : map.planes) {
+    EXPECT_GT(plane.plane_in_world.normal.z(), std::cos(0.3 * kDegree));
+    const double height = plane.centroid_in_world.x() > 0.0 ? kStep : 0.0;
+    EXPECT_NEAR(plane.centroid_in_world.z(), height, 0.003);
+  }
+}
+
 TEST(FitPlanes, PrefersTheExpectedOfTwoLikelyPlanes) {
   constexpr double kTilt = 8.0 * kDegree;
   testing::TestSceneOptions scene_options;

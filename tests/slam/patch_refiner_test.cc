@@ -2,6 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
 #include "slam/slam_fixture.h"
 
 namespace s3lam {
@@ -75,6 +83,89 @@ TEST_F(PatchRefinerTest, RefusesTheImagesEdge) {
   const PatchView target{&right_, pose_right_, pixel, 0};
   EXPECT_FALSE(
       refiner_.Align(reference, target, PointAt(pixel), Eigen::Vector3d::UnitZ()).has_value());
+}
+
+/// A wall that recedes to the right, seen by cameras side by side.
+class ObliqueWallTest : public ::testing::Test {
+ protected:
+  ObliqueWallTest()
+      : undistorter_(testing::MakeTestCamera(CameraModel::kPinhole)),
+        refiner_(options_, features_, undistorter_) {
+    const cv::Mat reference = testing::MakeTexture(640, 480, 12);
+    reference_ = BuildPyramid(features_, reference);
+    const PinholeIntrinsics& in = undistorter_.intrinsics();
+    Eigen::Matrix3d k;
+    k << in.fx, 0.0, in.cx, 0.0, in.fy, in.cy, 0.0, 0.0, 1.0;
+    for (size_t i = 0; i < targets_.size(); ++i) {
+      poses_[i].translation.x() = i == 0 ? -0.6 : 0.6;
+      homographies_[i] =
+          k *
+          (Eigen::Matrix3d::Identity() + poses_[i].translation * normal_.transpose() / kDistance) *
+          k.inverse();
+      cv::Matx33d h;
+      for (int r = 0; r < 3; ++r) {
+        for (int c = 0; c < 3; ++c) h(r, c) = homographies_[i](r, c);
+      }
+      cv::Mat image;
+      cv::warpPerspective(reference, image, h, reference.size(), cv::INTER_CUBIC,
+                          cv::BORDER_REPLICATE);
+      targets_[i] = BuildPyramid(features_, image);
+    }
+  }
+
+  static constexpr double kDistance = 2.0;  // Of the wall's plane from the reference.
+
+  const Eigen::Vector3d normal_ = Eigen::Vector3d(-0.8, 0.0, 0.6);
+  FeatureOptions features_;
+  PatchRefinerOptions options_;
+  Undistorter undistorter_;
+  PatchRefiner refiner_;
+  ImagePyramid reference_;
+  std::array<Rigid3, 2> poses_;
+  std::array<Eigen::Matrix3d, 2> homographies_;
+  std::array<ImagePyramid, 2> targets_;
+};
+
+TEST_F(ObliqueWallTest, NormalIsFoundAndPlacesAreTruerForIt) {
+  const Eigen::Vector3d facing = Eigen::Vector3d::UnitZ();
+  std::vector<double> angles;
+  double error_facing = 0.0;
+  double error_wall = 0.0;
+  const FrameFeatures corners = ExtractFeatures(features_, undistorter_, reference_.levels[0]);
+  for (int i = 0; i < corners.size(); i += 5) {
+    const Keypoint& keypoint = corners.keypoint(i);
+    const Eigen::Vector2d pixel = keypoint.pixel.cast<double>();
+    const Eigen::Vector3d ray = undistorter_.intrinsics().Normalize(pixel).homogeneous();
+    if (ray.dot(normal_) < 0.2) continue;
+    const Eigen::Vector3d point = kDistance / ray.dot(normal_) * ray;
+    std::array<PatchView, 2> views;
+    std::array<Eigen::Vector2d, 2> truths;
+    for (size_t k = 0; k < views.size(); ++k) {
+      truths[k] = (homographies_[k] * pixel.homogeneous()).hnormalized();
+      views[k] = {&targets_[k], poses_[k], truths[k] + Eigen::Vector2d(0.3, -0.3), keypoint.level};
+    }
+    const PatchView reference{&reference_, {}, pixel, keypoint.level};
+    const Eigen::Vector3d normal = refiner_.EstimateNormal(reference, views, point, facing);
+    EXPECT_NEAR(normal.norm(), 1.0, 1e-9);
+    for (size_t k = 0; k < views.size(); ++k) {
+      const auto plain = refiner_.Align(reference, views[k], point, facing);
+      const auto truer = refiner_.Align(reference, views[k], point, normal);
+      if (!plain || !truer) continue;
+      angles.push_back(std::acos(std::min(1.0, normal.dot(normal_))));
+      error_facing += (*plain - truths[k]).squaredNorm();
+      error_wall += (*truer - truths[k]).squaredNorm();
+    }
+  }
+  ASSERT_GT(angles.size(), 50U);
+  std::nth_element(angles.begin(), angles.begin() + angles.size() / 2, angles.end());
+  EXPECT_LT(angles[angles.size() / 2], 8.0 * std::numbers::pi / 180.0);  // 53 degrees at the start
+  EXPECT_LT(error_wall, 0.25 * error_facing);
+}
+
+TEST_F(ObliqueWallTest, NormalFacesTheCamerasWithoutEvidence) {
+  const Eigen::Vector3d facing = Eigen::Vector3d::UnitZ();
+  const PatchView reference{&reference_, {}, {320.5, 240.5}, 0};
+  EXPECT_EQ(refiner_.EstimateNormal(reference, {}, {0.0, 0.0, 3.0}, facing), facing);
 }
 
 }  // namespace

@@ -104,16 +104,11 @@ void FreezeUncertainty(const BundleProblem& problem, double sigma_px, PlaneModel
 void InitialisePlanes(const PlaneOptions& options, double sigma_px, PlaneModel& model,
                       BundleProblem& problem);
 
-/// How far points scatter about their plane, one standard deviation [map units].
+/// How far points scatter about their plane, one standard deviation [map units], which a
+/// point-plane term is weighed with. Kappa above 1 is roughness, and errors that the keypoints of a
+/// track share.
 double PlaneSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
                   const PlaneState& plane, int point);
-
-/// What a point-plane term is weighed with: of kind pixel without the class's kappa. Points scatter
-/// about their plane by more than their keypoints explain since the errors of a track's keypoints
-/// are not independent, and then their reprojection errors are overrated by as much: a member's
-/// plane counts as min_kappa of its keypoints.
-double TermSigma(const PlaneSigmaOptions& options, const PlaneModel& model, double sigma_px,
-                 const PlaneState& plane, int point);
 
 /// The chosen points with the uncertainty of their distance to the plane: of their triangulation
 /// and of the surface.
