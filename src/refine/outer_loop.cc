@@ -9,6 +9,7 @@
 #include "s3lam/base/log.h"
 #include "s3lam/base/timer.h"
 #include "s3lam/refine/camera_heights.h"
+#include "s3lam/refine/flattening.h"
 
 namespace s3lam {
 namespace {
@@ -182,6 +183,9 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
   PlanarResult result;
   result.iterations = loop.Run();
   result.doubts_about_heights = loop.DoubtsAboutHeights();
+  if (result.doubts_about_heights.empty() || weights == HeightWeights::kHonest) {
+    FlattenPoints(settings.solver, settings.planes.sigma, planes, map.problem);
+  }
   return result;
 }
 

@@ -114,7 +114,7 @@ class NormalEquations {
 
   std::vector<Eigen::Matrix3d> rotations_;
   std::vector<Eigen::Matrix<double, 3, 2>> tangents_;  // Per plane: of its normal.
-  std::vector<Matrix63> u_;                        // Per observation: W, after Damp U = W L^-T.
+  std::vector<Matrix63> u_;                            // Per observation: W, after Damp U = W L^-T.
   std::vector<Eigen::Vector3d> normal_;            // Per point on a plane: n, after Damp L^-1 n.
   std::vector<Eigen::Vector3d> by_plane_;          // Per point on a plane: j.
   std::vector<double> cost_;                       // Per point: of its residuals.

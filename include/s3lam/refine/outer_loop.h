@@ -59,11 +59,11 @@ std::vector<OuterIteration> AdjustPlain(OuterLoopSettings& settings, BundleMap& 
 
 /// Bundle adjustment with planes, after AdjustPlain: update the planes, assign points to them,
 /// solve, drop outliers, again until next to nothing changes. The kappa of each class is taken from
-/// the points as they are at the start, without the planes' pull. With the camera's height, if
-/// asked for (`ground` says what was found); if that is contradicted by the map (CameraHeights),
-/// again from the start, without it in mode auto, with weights that are not raised in mode on. Does
-/// nothing if planes are off or none has enough points near
-/// it. Logs and throws as above.
+/// the points as they are at the start, without the planes' pull; at the end the points of planes
+/// are flattened (FlattenPoints). With the camera's height, if asked for (`ground` says what was
+/// found); if that is contradicted by the map (CameraHeights), again from the start, without it in
+/// mode auto, with weights that are not raised in mode on. Does nothing if planes are off or none
+/// has enough points near it. Logs and throws as above.
 std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
                                          const SemanticMap& semantics, PlaneModel& planes,
                                          BundleMap& map, GroundReport& ground);

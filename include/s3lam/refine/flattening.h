@@ -1,0 +1,17 @@
+#pragma once
+
+#include "s3lam/refine/bundle_solver.h"
+#include "s3lam/refine/plane_model.h"
+
+namespace s3lam {
+
+/// Moves the points on planes to where they lie if their surfaces are flat; cameras and planes
+/// stay. What points scatter by beyond their keypoints' sigma is mostly what the keypoints of a
+/// track err by in common. While poses are refined it must count as scatter, or the poses take it
+/// up; once they stand, each point is nearest the truth on its plane, so here a plane counts as
+/// min_kappa of a member's keypoints. Does nothing where the sigma of planes is given (kinds other
+/// than pixel).
+void FlattenPoints(const BundleSolverOptions& solver, const PlaneSigmaOptions& sigma,
+                   const PlaneModel& planes, BundleProblem& problem);
+
+}  // namespace s3lam
