@@ -5,11 +5,11 @@
 
 namespace s3lam {
 
-/// Moves the points on planes to where they lie if their surfaces are flat; cameras and planes
-/// stay. What points scatter by beyond their keypoints' sigma is mostly what the keypoints of a
-/// track err by in common. While poses are refined it must count as scatter, or the poses take it
-/// up; once they stand, each point is nearest the truth on its plane, so here a plane counts as
-/// min_kappa of a member's keypoints. Does nothing where the sigma of planes is given (kinds other
+/// Moves the points on planes to where they lie if their surfaces are flat; cameras and planes stay.
+/// What points scatter by beyond their keypoints' sigma is mostly what the keypoints of a track err
+/// by in common. While poses are refined it must count as scatter, or the poses take it up. Once
+/// they stand it is laid to the keypoints: these count as kappa times less certain against a plane
+/// that is flat to min_kappa of them. Does nothing where the sigma of planes is given (kinds other
 /// than pixel).
 void FlattenPoints(const BundleSolverOptions& solver, const PlaneSigmaOptions& sigma,
                    const PlaneModel& planes, BundleProblem& problem);
