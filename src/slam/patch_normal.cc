@@ -2,7 +2,12 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <limits>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
 
 #include "patch_template.h"
 #include "s3lam/geometry/plane.h"
@@ -21,27 +26,108 @@ constexpr double kPatchNoise = 8.0;   // Of what two views of a pixel differ by 
 using Vector5 = Eigen::Matrix<double, 5, 1>;
 using Matrix5 = Eigen::Matrix<double, 5, 5>;
 
-/// A target's patch in the optimisation; it is shifted and brightened on its own.
-struct TargetPatch {
-  const PatchView* view = nullptr;
-  PatchRefiner::TargetRays rays;
-  Eigen::Vector2d center = Eigen::Vector2d::Zero();  // px of the level
-  double brightness = 0.0;
-  // What the slopes' step moves shift and brightness by, and their step without it.
-  Eigen::Matrix<double, 3, 2> coupling = Eigen::Matrix<double, 3, 2>::Zero();
-  Eigen::Vector3d own_step = Eigen::Vector3d::Zero();
+}  // namespace
+
+/// Gauss-Newton on the slopes of one point's surface against the plane that faces the cameras.
+class NormalEstimator {
+ public:
+  /// A target's patch in the optimisation; it is shifted and brightened on its own.
+  struct TargetPatch {
+    const PatchView* view = nullptr;
+    PatchRefiner::TargetRays rays;
+    Eigen::Vector2d center = Eigen::Vector2d::Zero();  // px of the level
+    double brightness = 0.0;
+    // What the slopes' step moves shift and brightness by, and their step without it.
+    Eigen::Matrix<double, 3, 2> coupling = Eigen::Matrix<double, 3, 2>::Zero();
+    Eigen::Vector3d own_step = Eigen::Vector3d::Zero();
+  };
+
+  struct SlopeEquations {
+    Eigen::Matrix2d hessian;
+    Eigen::Vector2d gradient;
+    double cost = 0.0;
+  };
+
+  NormalEstimator(const PatchRefiner& refiner, const PatchView& reference,
+                  std::span<const PatchView> targets, const Eigen::Vector3d& point,
+                  const Eigen::Vector3d& facing)
+      : refiner_(refiner),
+        reference_(reference),
+        point_(point),
+        facing_(facing),
+        axes_(PlaneAxes(facing)) {
+    for (const PatchView& target : targets) {
+      const auto rays = refiner.RaysOf(target, point);
+      if (!rays) continue;
+      TargetPatch& patch = patches_.emplace_back();
+      patch.view = &target;
+      patch.rays = *rays;
+      patch.center = target.pyramid->ToLevel(target.pixel, target.level);
+    }
+  }
+
+  /// Ends where patches fit no better, leave their images or lose their texture: the best so far.
+  Eigen::Vector3d Run() {
+    Eigen::Vector3d best = facing_;
+    if (patches_.empty()) return best;
+    double best_cost = std::numeric_limits<double>::infinity();
+    for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+      const auto equations = Linearise();
+      if (!equations || equations->cost >= best_cost) break;
+      best_cost = equations->cost;
+      best = NormalAt(slopes_);
+      Eigen::Vector2d step = -equations->hessian.ldlt().solve(equations->gradient);
+      if (!step.allFinite()) break;
+      step *= std::min(1.0, kMaxStep / std::max(step.norm(), 1e-12));
+      Move(step);
+      if (iteration > 0 && step.norm() < kConverged) break;
+    }
+    return best;
+  }
+
+ private:
+  [[nodiscard]] Eigen::Vector3d NormalAt(const Eigen::Vector2d& slopes) const {
+    return (facing_ + slopes.x() * axes_.first + slopes.y() * axes_.second).normalized();
+  }
+
+  /// The equations of the slopes at their present values; empty if a patch cannot be had there.
+  std::optional<SlopeEquations> Linearise() {
+    SlopeEquations equations;
+    equations.hessian = Eigen::Matrix2d::Identity() / (kSlopeSigma * kSlopeSigma);
+    equations.gradient = slopes_ / (kSlopeSigma * kSlopeSigma);
+    equations.cost = equations.gradient.dot(slopes_);
+    for (TargetPatch& target : patches_) {
+      if (!AddTarget(target, equations)) return std::nullopt;
+    }
+    return equations;
+  }
+
+  bool AddTarget(TargetPatch& target, SlopeEquations& equations) const;
+
+  void Move(const Eigen::Vector2d& step) {
+    for (TargetPatch& target : patches_) {
+      const Eigen::Vector3d own = -target.own_step - target.coupling * step;
+      target.center += own.head<2>();
+      target.brightness += own.z();
+    }
+    slopes_ += step;
+  }
+
+  const PatchRefiner& refiner_;
+  const PatchView& reference_;
+  Eigen::Vector3d point_;
+  Eigen::Vector3d facing_;
+  std::pair<Eigen::Vector3d, Eigen::Vector3d> axes_;
+  std::vector<TargetPatch> patches_;
+  Eigen::Vector2d slopes_ = Eigen::Vector2d::Zero();
 };
 
-struct SlopeEquations {
-  Eigen::Matrix2d hessian;
-  Eigen::Vector2d gradient;
-  double cost = 0.0;
-};
+namespace {
 
 /// Adds one target's patch to the equations of the slopes, with its shift and brightness
 /// eliminated; `by_x`, `by_y`: change of the target's offsets by the slopes.
 void AddPatch(const PatchTemplate& patch, const Eigen::Matrix2d& by_x, const Eigen::Matrix2d& by_y,
-              TargetPatch& target, SlopeEquations& equations) {
+              NormalEstimator::TargetPatch& target, NormalEstimator::SlopeEquations& equations) {
   const cv::Mat& image = target.view->pyramid->levels[target.view->level];
   Matrix5 hessian = Matrix5::Zero();
   Vector5 gradient = Vector5::Zero();
@@ -71,63 +157,28 @@ void AddPatch(const PatchTemplate& patch, const Eigen::Matrix2d& by_x, const Eig
 
 }  // namespace
 
+bool NormalEstimator::AddTarget(TargetPatch& target, SlopeEquations& equations) const {
+  const auto warp_at = [&](double x, double y) {
+    return refiner_.ReferenceFromTarget(reference_, target.rays, point_,
+                                        NormalAt(slopes_ + Eigen::Vector2d(x, y)));
+  };
+  const auto warp = warp_at(0.0, 0.0);
+  const auto warp_x = warp_at(kDifference, 0.0);
+  const auto warp_y = warp_at(0.0, kDifference);
+  if (!warp || !warp_x || !warp_y) return false;
+  const auto patch = refiner_.WarpedPatch(reference_, target.view->level, *warp);
+  const cv::Mat& image = target.view->pyramid->levels[target.view->level];
+  if (!patch || !IsInside(image, target.center, patch->half + 1.0)) return false;
+  const Eigen::Matrix2d inverse = warp->inverse() / kDifference;
+  AddPatch(*patch, inverse * (*warp_x - *warp), inverse * (*warp_y - *warp), target, equations);
+  return true;
+}
+
 Eigen::Vector3d PatchRefiner::EstimateNormal(const PatchView& reference,
                                              std::span<const PatchView> targets,
                                              const Eigen::Vector3d& point,
                                              const Eigen::Vector3d& facing) const {
-  const auto [side, up] = PlaneAxes(facing);
-  const auto normal_of = [&, &side = side, &up = up](double x, double y) -> Eigen::Vector3d {
-    return (facing + x * side + y * up).normalized();
-  };
-  std::vector<TargetPatch> patches;
-  for (const PatchView& target : targets) {
-    const auto rays = RaysOf(target, point);
-    if (!rays) continue;
-    TargetPatch& patch = patches.emplace_back();
-    patch.view = &target;
-    patch.rays = *rays;
-    patch.center = target.pyramid->ToLevel(target.pixel, target.level);
-  }
-  if (patches.empty()) return facing;
-  Eigen::Vector2d slopes = Eigen::Vector2d::Zero();
-  Eigen::Vector3d best = facing;
-  double best_cost = std::numeric_limits<double>::infinity();
-  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
-    SlopeEquations equations;
-    equations.hessian = Eigen::Matrix2d::Identity() / (kSlopeSigma * kSlopeSigma);
-    equations.gradient = slopes / (kSlopeSigma * kSlopeSigma);
-    equations.cost = equations.gradient.dot(slopes);
-    for (TargetPatch& target : patches) {
-      const auto warp_at = [&](double x, double y) {
-        return ReferenceFromTarget(reference, target.rays, point, normal_of(x, y));
-      };
-      const auto warp = warp_at(slopes.x(), slopes.y());
-      const auto warp_x = warp_at(slopes.x() + kDifference, slopes.y());
-      const auto warp_y = warp_at(slopes.x(), slopes.y() + kDifference);
-      if (!warp || !warp_x || !warp_y) return best;
-      const auto patch = WarpedPatch(reference, target.view->level, *warp);
-      if (!patch || !IsInside(target.view->pyramid->levels[target.view->level], target.center,
-                              patch->half + 1.0)) {
-        return best;
-      }
-      const Eigen::Matrix2d inverse = warp->inverse() / kDifference;
-      AddPatch(*patch, inverse * (*warp_x - *warp), inverse * (*warp_y - *warp), target, equations);
-    }
-    if (equations.cost >= best_cost) return best;
-    best_cost = equations.cost;
-    best = normal_of(slopes.x(), slopes.y());
-    Eigen::Vector2d step = -equations.hessian.ldlt().solve(equations.gradient);
-    if (!step.allFinite()) return best;
-    step *= std::min(1.0, kMaxStep / std::max(step.norm(), 1e-12));
-    for (TargetPatch& target : patches) {
-      const Eigen::Vector3d own = -target.own_step - target.coupling * step;
-      target.center += own.head<2>();
-      target.brightness += own.z();
-    }
-    slopes += step;
-    if (iteration > 0 && step.norm() < kConverged) break;
-  }
-  return best;
+  return NormalEstimator(*this, reference, targets, point, facing).Run();
 }
 
 }  // namespace s3lam

@@ -21,6 +21,7 @@ struct PatchRefinerOptions {
   void Visit(OptionVisitor& v);
 };
 
+class NormalEstimator;
 struct PatchTemplate;
 
 /// What a patch alignment needs to know of one observation.
@@ -39,13 +40,6 @@ struct PatchView {
 /// surface.
 class PatchRefiner {
  public:
-  /// Rays of a target through the point's pixel and `step` pixels right of and below it.
-  struct TargetRays {
-    Eigen::Vector3d center_in_world;
-    std::array<Eigen::Vector3d, 3> rays_in_world;
-    double step = 0.0;  // px
-  };
-
   PatchRefiner(const PatchRefinerOptions& options, const FeatureOptions& feature_options,
                const Undistorter& undistorter);
 
@@ -67,6 +61,15 @@ class PatchRefiner {
                                                      const Eigen::Vector3d& normal) const;
 
  private:
+  friend class NormalEstimator;
+
+  /// Rays of a target through the point's pixel and `step` pixels right of and below it.
+  struct TargetRays {
+    Eigen::Vector3d center_in_world;
+    std::array<Eigen::Vector3d, 3> rays_in_world;
+    double step = 0.0;  // px
+  };
+
   [[nodiscard]] std::optional<TargetRays> RaysOf(const PatchView& target,
                                                  const Eigen::Vector3d& point) const;
   /// d(reference pixel) / d(target pixel); empty where the plane is not seen.
