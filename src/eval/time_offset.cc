@@ -6,6 +6,9 @@
 #include <cmath>
 #include <limits>
 #include <span>
+#include <utility>
+
+#include "s3lam/base/statistics.h"
 
 namespace s3lam {
 namespace {
@@ -22,10 +25,7 @@ double MedianInterval(const Trajectory& trajectory) {
   for (size_t i = 1; i < trajectory.size(); ++i) {
     intervals.push_back(trajectory[i].time_s - trajectory[i - 1].time_s);
   }
-  if (intervals.empty()) return 0.0;
-  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
-  std::nth_element(intervals.begin(), middle, intervals.end());
-  return *middle;
+  return intervals.empty() ? 0.0 : Median(std::move(intervals));
 }
 
 /// Offsets are tried from minus to plus this many steps.
