@@ -129,24 +129,27 @@ namespace {
 void AddPatch(const PatchTemplate& patch, const Eigen::Matrix2d& by_x, const Eigen::Matrix2d& by_y,
               NormalEstimator::TargetPatch& target, NormalEstimator::SlopeEquations& equations) {
   const cv::Mat& image = target.view->pyramid->levels[target.view->level];
-  Matrix5 hessian = Matrix5::Zero();
-  Vector5 gradient = Vector5::Zero();
-  size_t k = 0;
+  Eigen::VectorXf residual;
+  SamplePatch(image, target.center, patch.half, residual);
+  residual.array() -= patch.values.array() + static_cast<float>(target.brightness);
+  Eigen::Matrix<float, Eigen::Dynamic, 5> jacobian(residual.size(), 5);
+  jacobian.rightCols<3>() = patch.jacobian;
+  jacobian.col(4) *= -1.0F;
+  const Eigen::Matrix2f move_x = by_x.cast<float>();
+  const Eigen::Matrix2f move_y = by_y.cast<float>();
+  Eigen::Index k = 0;
   for (int v = -patch.half; v <= patch.half; ++v) {
     for (int u = -patch.half; u <= patch.half; ++u, ++k) {
-      const Eigen::Vector2d slope = patch.gradients[k].cast<double>();
-      const Eigen::Vector2d offset(u, v);
-      const double residual = SampleImage(image, target.center.x() + u, target.center.y() + v) -
-                              patch.values[k] - target.brightness;
-      Vector5 j;
-      j << -slope.dot(by_x * offset), -slope.dot(by_y * offset), slope, -1.0;
-      hessian.selfadjointView<Eigen::Lower>().rankUpdate(j);
-      gradient += residual * j;
-      equations.cost += residual * residual / (kPatchNoise * kPatchNoise);
+      const Eigen::Vector2f slope = patch.jacobian.row(k).head<2>().transpose();
+      const Eigen::Vector2f offset(static_cast<float>(u), static_cast<float>(v));
+      jacobian(k, 0) = -slope.dot(move_x * offset);
+      jacobian(k, 1) = -slope.dot(move_y * offset);
     }
   }
-  hessian = Matrix5(hessian.selfadjointView<Eigen::Lower>()) / (kPatchNoise * kPatchNoise);
-  gradient /= kPatchNoise * kPatchNoise;
+  constexpr double kInformation = 1.0 / (kPatchNoise * kPatchNoise);
+  const Matrix5 hessian = kInformation * (jacobian.transpose() * jacobian).eval().cast<double>();
+  const Vector5 gradient = kInformation * (jacobian.transpose() * residual).eval().cast<double>();
+  equations.cost += kInformation * static_cast<double>(residual.squaredNorm());
   const Eigen::LDLT<Eigen::Matrix3d> own(hessian.bottomRightCorner<3, 3>());
   target.coupling = own.solve(hessian.bottomLeftCorner<3, 2>());
   target.own_step = own.solve(gradient.tail<3>());

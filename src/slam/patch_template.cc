@@ -1,6 +1,5 @@
 #include "patch_template.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -8,15 +7,16 @@
 namespace s3lam {
 namespace {
 
-constexpr double kConverged = 0.01;  // Shift of the last step [px of the level].
+constexpr double kConverged = 0.01;            // Shift of the last step [px of the level].
+constexpr float kMinDeviation = 2.0F;          // Of the values [grey levels].
+constexpr double kMinSquaredGradient = 100.0;  // Determinant of the gradients' sums, per sample.
 
-}  // namespace
-
-float SampleImage(const cv::Mat& image, double x, double y) {
+/// Bilinear interpolation [grey levels]; (x, y) must be inside by one pixel.
+float SampleImage(const cv::Mat& image, float x, float y) {
   const int x0 = static_cast<int>(x);
   const int y0 = static_cast<int>(y);
-  const auto fx = static_cast<float>(x - x0);
-  const auto fy = static_cast<float>(y - y0);
+  const float fx = x - static_cast<float>(x0);
+  const float fy = y - static_cast<float>(y0);
   const uchar* top = image.ptr<uchar>(y0) + x0;
   const uchar* bottom = image.ptr<uchar>(y0 + 1) + x0;
   const float a = static_cast<float>(top[0]) * (1.0F - fx) + static_cast<float>(top[1]) * fx;
@@ -24,9 +24,39 @@ float SampleImage(const cv::Mat& image, double x, double y) {
   return a * (1.0F - fy) + b * fy;
 }
 
+float Deviation(const Eigen::VectorXf& values, float mean) {
+  return std::sqrt((values.array() - mean).square().mean());
+}
+
+}  // namespace
+
 bool IsInside(const cv::Mat& image, const Eigen::Vector2d& xy, double margin) {
   return xy.x() >= margin && xy.y() >= margin && xy.x() < image.cols - 1 - margin &&
          xy.y() < image.rows - 1 - margin;
+}
+
+void SamplePatch(const cv::Mat& image, const Eigen::Vector2d& center, int half,
+                 Eigen::VectorXf& values) {
+  const int side = 2 * half + 1;
+  const int x0 = static_cast<int>(center.x()) - half;
+  const int y0 = static_cast<int>(center.y()) - half;
+  const auto fx = static_cast<float>(center.x() - (x0 + half));
+  const auto fy = static_cast<float>(center.y() - (y0 + half));
+  const float top_left = (1.0F - fx) * (1.0F - fy);
+  const float top_right = fx * (1.0F - fy);
+  const float bottom_left = (1.0F - fx) * fy;
+  const float bottom_right = fx * fy;
+  values.resize(side * side);
+  for (int v = 0; v < side; ++v) {
+    const uchar* top = image.ptr<uchar>(y0 + v) + x0;
+    const uchar* bottom = image.ptr<uchar>(y0 + v + 1) + x0;
+    float* row = values.data() + static_cast<ptrdiff_t>(v) * side;
+    for (int u = 0; u < side; ++u) {
+      row[u] = top_left * static_cast<float>(top[u]) + top_right * static_cast<float>(top[u + 1]) +
+               bottom_left * static_cast<float>(bottom[u]) +
+               bottom_right * static_cast<float>(bottom[u + 1]);
+    }
+  }
 }
 
 std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen::Vector2d& center,
@@ -34,38 +64,39 @@ std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen
   // One wider on each side for the gradients.
   const double reach = (half + 1) * (warp.cwiseAbs().rowwise().sum().maxCoeff());
   if (!IsInside(image, center, reach + 1.0)) return std::nullopt;
-  const int wide = 2 * half + 3;
-  std::vector<float> samples(static_cast<size_t>(wide * wide));
+  const int side = 2 * half + 1;
+  const int wide = side + 2;
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> samples(wide, wide);
+  const Eigen::Matrix2f step = warp.cast<float>();
   for (int v = 0; v < wide; ++v) {
+    const Eigen::Vector2f row =
+        center.cast<float>() + step.col(1) * static_cast<float>(v - half - 1);
     for (int u = 0; u < wide; ++u) {
-      const Eigen::Vector2d at = center + warp * Eigen::Vector2d(u - half - 1, v - half - 1);
-      samples[static_cast<size_t>(v * wide + u)] = SampleImage(image, at.x(), at.y());
+      const Eigen::Vector2f at = row + step.col(0) * static_cast<float>(u - half - 1);
+      samples(v, u) = SampleImage(image, at.x(), at.y());
     }
   }
   PatchTemplate patch;
   patch.half = half;
-  Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
-  double sum = 0.0;
-  double sum_squared = 0.0;
-  for (int v = 1; v + 1 < wide; ++v) {
-    for (int u = 1; u + 1 < wide; ++u) {
-      const auto at = [&](int x, int y) { return samples[static_cast<size_t>(y * wide + x)]; };
-      const Eigen::Vector2f gradient(0.5F * (at(u + 1, v) - at(u - 1, v)),
-                                     0.5F * (at(u, v + 1) - at(u, v - 1)));
-      const double value = at(u, v);
-      patch.values.push_back(at(u, v));
-      patch.gradients.push_back(gradient);
-      const Eigen::Vector3d jacobian(gradient.x(), gradient.y(), 1.0);
-      hessian += jacobian * jacobian.transpose();
-      sum += value;
-      sum_squared += value * value;
-    }
+  patch.values.resize(side * side);
+  patch.jacobian.resize(side * side, 3);
+  for (int v = 0; v < side; ++v) {
+    const auto row = Eigen::seqN(v * side, side);
+    patch.values(row) = samples.row(v + 1).segment(1, side);
+    patch.jacobian(row, 0) =
+        0.5F * (samples.row(v + 1).segment(2, side) - samples.row(v + 1).segment(0, side));
+    patch.jacobian(row, 1) =
+        0.5F * (samples.row(v + 2).segment(1, side) - samples.row(v).segment(1, side));
   }
-  const auto n = static_cast<double>(patch.values.size());
-  patch.mean = sum / n;
-  patch.deviation = std::sqrt(std::max(0.0, sum_squared / n - patch.mean * patch.mean));
+  patch.jacobian.col(2).setOnes();
+  patch.mean = patch.values.mean();
+  patch.deviation = Deviation(patch.values, patch.mean);
+  const Eigen::Matrix3d hessian =
+      (patch.jacobian.transpose() * patch.jacobian).eval().cast<double>();
   // A patch without texture in some direction cannot be located.
-  if (patch.deviation < 2.0 || hessian.topLeftCorner<2, 2>().determinant() < 1e2 * n) {
+  if (patch.deviation < kMinDeviation ||
+      hessian.topLeftCorner<2, 2>().determinant() <
+          kMinSquaredGradient * static_cast<double>(patch.values.size())) {
     return std::nullopt;
   }
   patch.inverse_hessian = hessian.inverse();
@@ -75,42 +106,28 @@ std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen
 
 double PatchCorrelation(const PatchTemplate& patch, const cv::Mat& image,
                         const Eigen::Vector2d& center) {
-  double sum = 0.0;
-  double sum_squared = 0.0;
-  double product = 0.0;
-  size_t k = 0;
-  for (int v = -patch.half; v <= patch.half; ++v) {
-    for (int u = -patch.half; u <= patch.half; ++u, ++k) {
-      const double value = SampleImage(image, center.x() + u, center.y() + v);
-      sum += value;
-      sum_squared += value * value;
-      product += value * patch.values[k];
-    }
-  }
-  const auto n = static_cast<double>(patch.values.size());
-  const double mean = sum / n;
-  const double deviation = std::sqrt(std::max(0.0, sum_squared / n - mean * mean));
-  if (deviation < 1e-6) return 0.0;
-  return (product / n - mean * patch.mean) / (deviation * patch.deviation);
+  Eigen::VectorXf values;
+  SamplePatch(image, center, patch.half, values);
+  const float mean = values.mean();
+  const float deviation = Deviation(values, mean);
+  if (deviation < 1e-3F) return 0.0;
+  const float product =
+      (values.array() - mean).matrix().dot(patch.values) / static_cast<float>(patch.values.size());
+  return product / (deviation * patch.deviation);
 }
 
 bool AlignPatch(const PatchTemplate& patch, const cv::Mat& image, int max_iterations,
                 Eigen::Vector2d& center) {
-  double brightness = 0.0;
+  Eigen::VectorXf residual;
+  float brightness = 0.0F;
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
     if (!IsInside(image, center, patch.half + 1.0)) return false;
-    Eigen::Vector3d right = Eigen::Vector3d::Zero();
-    size_t k = 0;
-    for (int v = -patch.half; v <= patch.half; ++v) {
-      for (int u = -patch.half; u <= patch.half; ++u, ++k) {
-        const double residual =
-            SampleImage(image, center.x() + u, center.y() + v) - patch.values[k] - brightness;
-        right += residual * Eigen::Vector3d(patch.gradients[k].x(), patch.gradients[k].y(), 1.0);
-      }
-    }
-    const Eigen::Vector3d step = patch.inverse_hessian * right;
+    SamplePatch(image, center, patch.half, residual);
+    residual.array() -= patch.values.array() + brightness;
+    const Eigen::Vector3f right = patch.jacobian.transpose() * residual;
+    const Eigen::Vector3d step = patch.inverse_hessian * right.cast<double>();
     center -= step.head<2>();
-    brightness += step.z();
+    brightness += static_cast<float>(step.z());
     if (step.head<2>().norm() < kConverged) return IsInside(image, center, patch.half + 1.0);
   }
   return false;

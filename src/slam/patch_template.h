@@ -3,25 +3,26 @@
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 #include <optional>
-#include <vector>
 
 namespace s3lam {
 
 /// A square patch with its gradients and the normal equations of the alignment.
 struct PatchTemplate {
   int half = 0;
-  std::vector<float> values;  // side x side
-  std::vector<Eigen::Vector2f> gradients;
-  Eigen::Matrix3d inverse_hessian;  // Of (x, y, brightness)
-  double mean = 0.0;
-  double deviation = 0.0;
+  Eigen::VectorXf values;     // side x side, by rows
+  Eigen::MatrixX3f jacobian;  // Of the values: gradient along x and y, 1 for the brightness
+  Eigen::Matrix3d inverse_hessian;
+  float mean = 0.0F;
+  float deviation = 0.0F;
 };
-
-/// Bilinear interpolation [grey levels]; `xy` must be inside by one pixel.
-float SampleImage(const cv::Mat& image, double x, double y);
 
 /// Is `xy` [px] at least `margin` from all edges, with room for interpolation?
 bool IsInside(const cv::Mat& image, const Eigen::Vector2d& xy, double margin);
+
+/// The (2 half + 1)^2 values [grey levels] around a place by rows, by bilinear interpolation; the
+/// place must be inside by half + 1 pixels.
+void SamplePatch(const cv::Mat& image, const Eigen::Vector2d& center, int half,
+                 Eigen::VectorXf& values);
 
 /// Samples an image at center + warp * offset for offsets of the target's level, (2 half + 1)^2 of
 /// them. Empty at the image's edge and without texture.

@@ -209,18 +209,31 @@ void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
   }
 }
 
-/// Poses of the frames in a final map: keyframes as they are, others refined against it. Frames
-/// that belong to another map stay there.
-std::vector<FrameTrack> LocalizeFrames(const Options& options, const MapBuilder& builder,
+/// Poses of the frames in a final map: keyframes as they are, others refined against it, by patches
+/// too where keyframes are. Frames that belong to another map stay there.
+std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& input,
+                                       const Undistorter& undistorter, MapBuilder& builder,
                                        const std::vector<uint8_t>& belongs_elsewhere) {
-  const Map& map = builder.map();
+  Map& map = builder.map();
   const std::vector<FrameTrack>& tracks = builder.tracks();
   std::vector<int> keyframe_of_frame(tracks.size(), kNoIndex);
   for (const int k : map.AliveKeyframes()) keyframe_of_frame[map.keyframe(k).frame] = k;
   const FrameLocalizer localizer(builder.tracker(), map, tracks, keyframe_of_frame);
+  const int read_threads = input.concurrent_reads ? options.num_threads : 1;
+  std::optional<PatchPass> pass;
+  if (options.second_pass.patches.enabled) {
+    pass.emplace(options.second_pass, options.features, undistorter,
+                 FrameImages{input.read_gray, input.read_mask}, read_threads, map);
+  }
   std::vector<FrameTrack> localized(tracks.size());
-  ParallelFor(tracks.size(), options.num_threads, [&](size_t i) {
-    if (belongs_elsewhere[i] == 0) localized[i] = localizer.Localize(static_cast<int>(i));
+  ParallelFor(tracks.size(), pass ? read_threads : options.num_threads, [&](size_t i) {
+    if (belongs_elsewhere[i] != 0) return;
+    const int frame = static_cast<int>(i);
+    localized[i] = localizer.Localize(frame);
+    if (!pass || !localized[i].tracked || keyframe_of_frame[i] != kNoIndex) return;
+    const ImagePyramid pyramid = BuildPyramid(options.features, input.read_gray(i));
+    pass->AlignFrame(frame, pyramid, map, localized[i].cam_from_world, localized[i].matches);
+    builder.tracker().Refine(map, frame, localized[i].cam_from_world, localized[i].matches);
   });
   for (FrameTrack& track : localized) {
     if (static_cast<int>(track.matches.size()) < options.min_localization_inliers) track = {};
@@ -229,8 +242,9 @@ std::vector<FrameTrack> LocalizeFrames(const Options& options, const MapBuilder&
 }
 
 /// Localises every frame in its map, one that was lost in the first that knows it.
-std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, const Submaps& maps,
-                                                    size_t num_frames) {
+std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, const Input& input,
+                                                    const Undistorter& undistorter,
+                                                    const Submaps& maps, size_t num_frames) {
   std::vector<std::vector<FrameTrack>> localized;
   for (size_t m = 0; m < maps.size(); ++m) {
     std::vector<uint8_t> belongs_elsewhere(num_frames, 0);
@@ -240,7 +254,7 @@ std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, cons
         if (other < m && localized[other][i].tracked) belongs_elsewhere[i] = 1;
       }
     }
-    localized.push_back(LocalizeFrames(options, *maps[m], belongs_elsewhere));
+    localized.push_back(LocalizeFrames(options, input, undistorter, *maps[m], belongs_elsewhere));
   }
   return localized;
 }
@@ -371,7 +385,7 @@ Result Run(const Options& given, const Input& input) {
   std::vector<std::vector<FrameTrack>> localized;
   {
     const ScopedStep step(seconds, "localising all frames");
-    localized = LocalizeInMaps(options, maps, state.frames.size());
+    localized = LocalizeInMaps(options, input, state.undistorter, maps, state.frames.size());
   }
   std::vector<std::vector<double>> contradictions;
   {

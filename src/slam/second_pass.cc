@@ -8,6 +8,7 @@ namespace s3lam {
 namespace {
 
 constexpr size_t kViewsOfNormal = 3;
+constexpr double kMinAlignedShare = 0.5;  // Below it a frame keeps what does not align.
 
 /// The observation whose descriptor stands for the point.
 size_t ReferenceOf(const Map& map, const MapPoint& point) {
@@ -116,24 +117,24 @@ Eigen::Vector3d PatchPass::NormalOf(const Map& map, const MapPoint& point, size_
                                  point.position, point.view_direction);
 }
 
-PatchPass::AlignedPixels PatchPass::AlignPoint(const Map& map, const MapPoint& point) const {
+PatchPass::AlignedPoint PatchPass::AlignPoint(const Map& map, const MapPoint& point) const {
   const size_t reference = ReferenceOf(map, point);
   const PatchView reference_view = ViewOf(map, point.observations[reference]);
-  const Eigen::Vector3d normal = NormalOf(map, point, reference);
-  AlignedPixels aligned(point.observations.size());
-  for (size_t i = 0; i < aligned.size(); ++i) {
+  AlignedPoint aligned{NormalOf(map, point, reference), {}};
+  aligned.pixels.resize(point.observations.size());
+  bool any = false;
+  for (size_t i = 0; i < aligned.pixels.size(); ++i) {
     if (i == reference) continue;
-    aligned[i] =
-        refiner_.Align(reference_view, ViewOf(map, point.observations[i]), point.position, normal);
+    aligned.pixels[i] = refiner_.Align(reference_view, ViewOf(map, point.observations[i]),
+                                       point.position, aligned.normal);
+    any = any || aligned.pixels[i].has_value();
   }
-  const bool any =
-      std::any_of(aligned.begin(), aligned.end(), [](const auto& a) { return a.has_value(); });
-  if (any) aligned[reference] = reference_view.pixel;
+  if (any) aligned.pixels[reference] = reference_view.pixel;
   return aligned;
 }
 
 PatchRefinement PatchPass::RefineObservations(Map& map) const {
-  std::vector<AlignedPixels> aligned(static_cast<size_t>(map.num_points()));
+  std::vector<AlignedPoint> aligned(static_cast<size_t>(map.num_points()));
   ParallelFor(aligned.size(), num_threads_, [&](size_t p) {
     const MapPoint& point = map.point(static_cast<int>(p));
     if (point.alive) aligned[p] = AlignPoint(map, point);
@@ -141,18 +142,18 @@ PatchRefinement PatchPass::RefineObservations(Map& map) const {
   PatchRefinement refinement;
   for (int p = 0; p < map.num_points(); ++p) {
     if (!map.point(p).alive) continue;
+    map.SetNormal(p, aligned[p].normal);
     const std::vector<MapObservation> observations = map.point(p).observations;
     for (size_t i = 0; i < observations.size(); ++i) {
       ++refinement.num_tried;
-      const auto& pixel = aligned[p][i];
+      const auto& pixel = aligned[p].pixels[i];
       const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
       if (!undistorted) {
         map.RemoveObservation(p, observations[i].keyframe);
         continue;
       }
-      const double level_sigma = map.sigma(map.keypoint(observations[i]).level);
-      map.MoveKeypoint(observations[i], *pixel, *undistorted,
-                       options_.patches.sigma_px * level_sigma);
+      map.MoveKeypoint(map.keyframe(observations[i].keyframe).frame, observations[i].keypoint,
+                       *pixel, *undistorted, SigmaOn(map, map.keypoint(observations[i]).level));
       ++refinement.num_refined;
     }
   }
@@ -162,10 +163,8 @@ PatchRefinement PatchPass::RefineObservations(Map& map) const {
 std::vector<PatchPass::NewObservation> PatchPass::FindInNeighbours(
     const Map& map, const MapPoint& point, const std::vector<std::vector<int>>& neighbours) const {
   std::vector<NewObservation> found;
-  const size_t reference_index = ReferenceOf(map, point);
-  const MapObservation& reference = point.observations[reference_index];
+  const MapObservation& reference = point.observations[ReferenceOf(map, point)];
   const PatchView reference_view = ViewOf(map, reference);
-  const Eigen::Vector3d normal = NormalOf(map, point, reference_index);
   for (const int keyframe : neighbours[reference.keyframe]) {
     const bool seen = std::any_of(point.observations.begin(), point.observations.end(),
                                   [&](const MapObservation& o) { return o.keyframe == keyframe; });
@@ -179,14 +178,14 @@ std::vector<PatchPass::NewObservation> PatchPass::FindInNeighbours(
     const auto start = undistorter_.camera().ImageFromCamera(pose * point.position);
     if (!start) continue;
     const PatchView target{&pyramids_[keyframe], pose, *start, projection->level};
-    const auto pixel = refiner_.Align(reference_view, target, point.position, normal);
+    const auto pixel = refiner_.Align(reference_view, target, point.position, point.normal);
     const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
     if (!undistorted) continue;
     Keypoint keypoint;
     keypoint.pixel = pixel->cast<float>();
     keypoint.undistorted = undistorted->cast<float>();
     keypoint.level = static_cast<uint8_t>(projection->level);
-    keypoint.sigma = static_cast<float>(options_.patches.sigma_px * map.sigma(projection->level));
+    keypoint.sigma = static_cast<float>(SigmaOn(map, projection->level));
     found.push_back({keyframe, keypoint});
   }
   return found;
@@ -217,6 +216,24 @@ int PatchPass::ExtendTracks(Map& map) const {
     if (map.keyframe(k).alive) map.BuildGrid(k, undistorter_);
   }
   return count;
+}
+
+void PatchPass::AlignFrame(int frame, const ImagePyramid& pyramid, Map& map,
+                           const Rigid3& cam_from_world, std::vector<PointMatch>& matches) const {
+  std::vector<PointMatch> aligned;
+  for (const PointMatch& match : matches) {
+    const MapPoint& point = map.point(match.point);
+    const Keypoint& keypoint = map.frame(frame).keypoint(match.keypoint);
+    const PatchView reference = ViewOf(map, point.observations[ReferenceOf(map, point)]);
+    const PatchView target{&pyramid, cam_from_world, keypoint.pixel.cast<double>(), keypoint.level};
+    const auto pixel = refiner_.Align(reference, target, point.position, point.normal);
+    const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
+    if (!undistorted) continue;
+    map.MoveKeypoint(frame, match.keypoint, *pixel, *undistorted, SigmaOn(map, keypoint.level));
+    aligned.push_back(match);
+  }
+  const double share = static_cast<double>(aligned.size()) / static_cast<double>(matches.size());
+  if (share >= kMinAlignedShare) matches.swap(aligned);
 }
 
 }  // namespace s3lam

@@ -32,18 +32,18 @@ inline std::string Tool(const std::string& name) {
 }
 
 /// What s3-eval says of a trajectory of the chain, after Sim(3) alignment.
-inline nlohmann::json ChainTrajectoryError(const std::string& name) {
-  const ProgramResult result =
-      RunProgramApart({Tool("s3-eval"), "--quiet", "--json", "--estimate",
-                       (ChainFolder(name) / "frames.txt").string(), "--ground-truth",
-                       (ChainFolder("scene") / "groundtruth.txt").string()});
+inline nlohmann::json ChainTrajectoryError(const std::string& name,
+                                           const std::string& file = "frames.txt") {
+  const ProgramResult result = RunProgramApart(
+      {Tool("s3-eval"), "--quiet", "--json", "--estimate", (ChainFolder(name) / file).string(),
+       "--ground-truth", (ChainFolder("scene") / "groundtruth.txt").string()});
   if (result.exit_code != 0) throw std::runtime_error(result.errors);
   return nlohmann::json::parse(result.output)["trajectory"];
 }
 
 /// Absolute trajectory error [m], RMSE.
-inline double ChainAte(const std::string& name) {
-  return ChainTrajectoryError(name)["ate"]["translation"]["rmse"].get<double>();
+inline double ChainAte(const std::string& name, const std::string& file = "frames.txt") {
+  return ChainTrajectoryError(name, file)["ate"]["translation"]["rmse"].get<double>();
 }
 
 /// Every file of `folder` but the reports, which have times, is the same in `other`.

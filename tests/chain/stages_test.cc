@@ -50,6 +50,11 @@ TEST(Chain, EveryFrameIsLocalisedToMillimetres) {
   EXPECT_EQ(error["num_pairs"], report["frames"]);
 }
 
+TEST(Chain, FramesAreAboutAsPreciseAsKeyframes) {
+  EXPECT_LT(ChainAte("1_slam"), 1.5 * ChainAte("1_slam", "keyframes.txt"));
+  EXPECT_LT(ChainAte("3_refine_plain"), 2.0 * ChainAte("3_refine_plain", "keyframes.txt"));
+}
+
 TEST(Chain, PlainAdjustmentDoesNoHarm) {
   EXPECT_LT(ChainAte("3_refine_plain"), 1.2 * ChainAte("1_slam"));
 }

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
 #include "s3lam/slam/pipeline.h"
 #include "slam/slam_fixture.h"
 
@@ -63,6 +66,94 @@ TEST_F(KeyframeFeaturesTest, AddsNothingWhenTrackingHasAsMany) {
   SecondPassOptions options;
   options.keyframe_features = features_.num_features;
   EXPECT_EQ(AddKeyframeFeatures(options, features_, undistorter_, images_, 1, map), 0);
+}
+
+/// A textured wall seen by two keyframes and a frame, side by side.
+class AlignFrameTest : public ::testing::Test {
+ protected:
+  static constexpr double kDepth = 4.0;
+  static constexpr double kDisparity = 6.3;  // px between neighbours
+  static constexpr int kFrame = 2;
+
+  AlignFrameTest() : undistorter_(testing::MakeTestCamera(CameraModel::kPinhole)) {
+    const Camera& camera = undistorter_.camera();
+    const cv::Mat texture = testing::MakeTexture(camera.width, camera.height, 5);
+    for (int i = 0; i < 3; ++i) {
+      const cv::Matx23d shift(1.0, 0.0, -i * kDisparity, 0.0, 1.0, 0.0);
+      cv::warpAffine(texture, pictures_.emplace_back(), shift, texture.size(), cv::INTER_CUBIC,
+                     cv::BORDER_REPLICATE);
+      frames_.push_back(ExtractFeatures(features_, undistorter_, pictures_.back()));
+    }
+    images_.read_gray = [this](size_t i) { return pictures_[i]; };
+  }
+
+  [[nodiscard]] Rigid3 PoseOf(int frame) const {
+    Rigid3 pose;
+    pose.translation.x() = -frame * kDisparity * kDepth / undistorter_.intrinsics().fx;
+    return pose;
+  }
+
+  /// A map of what the keyframes see, and the frame's matches with it, half a pixel off.
+  void FillMap(Map& map) {
+    map.AddKeyframe(0, PoseOf(0));
+    map.AddKeyframe(1, PoseOf(1));
+    const int count = frames_[0].size();
+    for (int i = 0; i < count; i += 4) {
+      const Keypoint first = frames_[0].keypoint(i);
+      const Eigen::Vector2d pixel = first.pixel.cast<double>();
+      const int point = map.AddPoint(
+          kDepth * undistorter_.intrinsics().Normalize(pixel).homogeneous(), /*first_keyframe=*/0);
+      map.SetNormal(point, Eigen::Vector3d::UnitZ());
+      const Eigen::Vector2d moved = pixel - Eigen::Vector2d(kDisparity, 0.0);
+      map.AddObservation(point, {0, i});
+      Keypoint second = first;
+      second.pixel = second.undistorted = moved.cast<float>();
+      map.AddObservation(point, {1, map.AddKeypoint(1, second, frames_[0].descriptor(i))});
+      map.UpdateAppearance(point);
+      truth_.push_back(moved - Eigen::Vector2d(kDisparity, 0.0));
+      Keypoint third = first;
+      third.pixel = third.undistorted = truth_.back().cast<float>() + Eigen::Vector2f(0.4F, -0.3F);
+      matches_.push_back({frames_[kFrame].Add(third, frames_[0].descriptor(i)), point});
+    }
+  }
+
+  Undistorter undistorter_;
+  FeatureOptions features_;
+  SecondPassOptions options_;
+  std::vector<cv::Mat> pictures_;
+  std::vector<FrameFeatures> frames_;
+  FrameImages images_;
+  std::vector<PointMatch> matches_;
+  std::vector<Eigen::Vector2d> truth_;
+};
+
+TEST_F(AlignFrameTest, MovesKeypointsToWhereTheKeyframesPatchesAre) {
+  Map map(frames_, features_);
+  FillMap(map);
+  const PatchPass pass(options_, features_, undistorter_, images_, 1, map);
+  const size_t given = matches_.size();
+  pass.AlignFrame(kFrame, BuildPyramid(features_, pictures_[kFrame]), map, PoseOf(kFrame),
+                  matches_);
+  EXPECT_GT(matches_.size(), given * 7 / 10);
+  double squared = 0.0;
+  for (const PointMatch& match : matches_) {
+    const Keypoint& keypoint = frames_[kFrame].keypoint(match.keypoint);
+    const Eigen::Vector2d error = keypoint.pixel.cast<double>() - truth_[match.point];
+    const double level_sigma = map.sigma(keypoint.level);
+    squared += error.squaredNorm() / (level_sigma * level_sigma);
+    EXPECT_NEAR(keypoint.sigma, options_.patches.sigma_px * level_sigma, 1e-6);
+  }
+  EXPECT_LT(std::sqrt(squared / static_cast<double>(matches_.size())), 0.15);  // Was 0.5.
+}
+
+TEST_F(AlignFrameTest, FrameThatShowsSomethingElseKeepsItsMatches) {
+  Map map(frames_, features_);
+  FillMap(map);
+  const PatchPass pass(options_, features_, undistorter_, images_, 1, map);
+  const std::vector<PointMatch> given = matches_;
+  const cv::Mat other = testing::MakeTexture(pictures_[0].cols, pictures_[0].rows, 77);
+  pass.AlignFrame(kFrame, BuildPyramid(features_, other), map, PoseOf(kFrame), matches_);
+  EXPECT_EQ(matches_.size(), given.size());
 }
 
 TEST(EffectiveTest, FastLeavesStepsAndKeyframesOutAndHighChangesNothing) {

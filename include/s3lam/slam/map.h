@@ -46,7 +46,9 @@ struct MapPoint {
   std::vector<MapObservation> observations;            // Ascending keyframes, each at most once.
   BinaryDescriptor descriptor{};                       // The observation most like the others.
   Eigen::Vector3d view_direction =
-      Eigen::Vector3d::Zero();   // Mean, from cameras to the point, unit.
+      Eigen::Vector3d::Zero();  // Mean, from cameras to the point, unit.
+  /// Of the surface [in world, away from the cameras, unit]; zero where it was not estimated.
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
   double level0_distance = 0.0;  // Distance at which it would be seen on level 0 [map units].
   int first_keyframe = kNoIndex;
   int num_visible = 1;  // Frames that should have seen it,
@@ -56,8 +58,8 @@ struct MapPoint {
 
   template <typename A>
   void Transfer(A& archive) {
-    archive(position, observations, descriptor, view_direction, level0_distance, first_keyframe,
-            num_visible, num_found, replaced_by, alive);
+    archive(position, observations, descriptor, view_direction, normal, level0_distance,
+            first_keyframe, num_visible, num_found, replaced_by, alive);
   }
 };
 
@@ -100,10 +102,12 @@ class Map {
     points_[point].num_found += found;
   }
 
+  void SetNormal(int point, const Eigen::Vector3d& normal) { points_[point].normal = normal; }
+
   /// See FrameFeatures::Move.
-  void MoveKeypoint(const MapObservation& o, const Eigen::Vector2d& pixel,
+  void MoveKeypoint(int frame, int keypoint, const Eigen::Vector2d& pixel,
                     const Eigen::Vector2d& undistorted, double sigma) {
-    frames_[keyframes_[o.keyframe].frame].Move(o.keypoint, pixel, undistorted, sigma);
+    frames_[frame].Move(keypoint, pixel, undistorted, sigma);
   }
 
   /// A keypoint that was not detected, but found by its point's patch.

@@ -34,7 +34,8 @@ int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature
 /// again, both ways, points that are the same merged, and what is still free triangulated.
 void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map);
 
-/// Works on the images of the keyframes, which it holds in memory: a pyramid each.
+/// Works on the images of the keyframes, which it holds in memory: a pyramid each. Needs the
+/// normals of points, which RefineObservations estimates, after that.
 class PatchPass {
  public:
   PatchPass(const SecondPassOptions& options, const FeatureOptions& feature_options,
@@ -49,19 +50,32 @@ class PatchPass {
   /// no keypoint for it; returns the number of observations found.
   int ExtendTracks(Map& map) const;
 
+  /// Aligns what a frame that is no keyframe sees with the patches of the keyframes: keypoints move
+  /// and get their smaller sigma. Matches that do not align are removed where most do; a blurred
+  /// frame keeps them.
+  void AlignFrame(int frame, const ImagePyramid& pyramid, Map& map, const Rigid3& cam_from_world,
+                  std::vector<PointMatch>& matches) const;
+
  private:
-  /// Aligned places of one point's observations; empty entries did not align.
-  using AlignedPixels = std::vector<std::optional<Eigen::Vector2d>>;
+  /// One point's normal and the aligned places of its observations; empty ones did not align.
+  struct AlignedPoint {
+    Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+    std::vector<std::optional<Eigen::Vector2d>> pixels;
+  };
   struct NewObservation {
     int keyframe = kNoIndex;
     Keypoint keypoint;
   };
 
+  /// Standard deviation of an aligned keypoint [px].
+  [[nodiscard]] double SigmaOn(const Map& map, int level) const {
+    return options_.patches.sigma_px * map.sigma(level);
+  }
   [[nodiscard]] PatchView ViewOf(const Map& map, const MapObservation& o) const;
   /// Of the surface around a point, from the views farthest from the reference observation's.
   [[nodiscard]] Eigen::Vector3d NormalOf(const Map& map, const MapPoint& point,
                                          size_t reference) const;
-  [[nodiscard]] AlignedPixels AlignPoint(const Map& map, const MapPoint& point) const;
+  [[nodiscard]] AlignedPoint AlignPoint(const Map& map, const MapPoint& point) const;
   [[nodiscard]] std::vector<NewObservation> FindInNeighbours(
       const Map& map, const MapPoint& point, const std::vector<std::vector<int>>& neighbours) const;
 

@@ -61,6 +61,10 @@ class Tracker {
   FrameTrack TrackNear(const Map& map, int frame, const FrameTrack& near,
                        const Rigid3& guess) const;
 
+  /// Refines a pose with matches and keeps the inliers among them, whose number is returned.
+  int Refine(const Map& map, int frame, Rigid3& cam_from_world,
+             std::vector<PointMatch>& matches) const;
+
   /// Does the map need this frame as a keyframe: does it see too few of the points of its reference
   /// keyframe, or is there too little of the map in parts of the image that have keypoints? The
   /// second is what tells when the camera turns to what is not mapped yet: the number of matches
@@ -76,9 +80,6 @@ class Tracker {
   /// Share of the cells of a grid over the image with keypoints in which there is a match.
   [[nodiscard]] double Coverage(const FrameFeatures& features,
                                 const std::vector<PointMatch>& matches) const;
-  /// Refines a pose with matches and keeps the inliers among them.
-  int Refine(const Map& map, int frame, Rigid3& cam_from_world,
-             std::vector<PointMatch>& matches) const;
   /// Pose and inlier matches against one keyframe's points, by descriptors.
   [[nodiscard]] std::optional<std::pair<Rigid3, std::vector<PointMatch>>> FindByDescriptors(
       const Map& map, int frame, int keyframe) const;
