@@ -156,11 +156,11 @@ def arm_table(campaign, summary, figure, digits, with_range=False, extra=(), ext
     return markdown(header, rows) if rows else ""
 
 
-def published_cells(published):
-    def cells(sequence):
-        figures = published["ate"].get(sequence, {})
-        return [number(figures.get(system), 4) for system in published["systems"]]
-    return cells
+def published_columns(campaign, published):
+    """Systems with a published figure for any of the sequences; and what stands in a sequence's line."""
+    figures = {name: published["ate"].get(name, {}) for name in campaign.sequences}
+    systems = [s for s in published["systems"] if any(s in f for f in figures.values())]
+    return systems, lambda sequence: [number(figures[sequence].get(s), 4) for s in systems]
 
 
 def angles_table(campaign, rows, published):
@@ -172,11 +172,13 @@ def angles_table(campaign, rows, published):
         if row["seed"] == campaign.seeds[0] and "parallel_deg_range" in row:
             first.setdefault((row["sequence"], row["masks"]), {})[row["arm"]] = (
                 *row["parallel_deg_range"], row["parallel_deg"])
+    paper = {name: angles for name, angles in published["plane_angles_deg"].items()
+             if name in published["systems"] and set(campaign.sequences) & angles.keys()}
     lines = []
     for (sequence, masks), by_arm in first.items():
-        paper = published["plane_angles_deg"].get(sequence)
-        lines.append([sequence, masks, *(triple(by_arm.get(arm)) for arm in arms), triple(paper)])
-    return markdown(["sequence", "masks", *arms, "S3LAM"], lines) if lines else ""
+        lines.append([sequence, masks, *(triple(by_arm.get(arm)) for arm in arms),
+                      *(triple(angles.get(sequence)) for angles in paper.values())])
+    return markdown(["sequence", "masks", *arms, *paper], lines) if lines else ""
 
 
 def triple(values):
@@ -225,11 +227,13 @@ def document(campaign, rows, missing, baselines, published, version):
         if table:
             parts.append(title + "\n\n" + table.rstrip())
 
-    systems = "; ".join(f"{name}: {source}" for name, source in published["systems"].items())
+    systems, published_cells = published_columns(campaign, published)
+    sources = "; ".join(f"{name}: {published['systems'][name]}" for name in systems)
     add("Trajectory error of the keyframes (RMSE after Sim(3), unit of the reference), median of the "
-        f"seeds. Published figures for the keyframes in the last columns ({systems}).",
-        arm_table(campaign, summary, "ate_keyframes", 4, extra=list(published["systems"]),
-                  extra_cells=published_cells(published)))
+        "seeds." + (f" Published figures for the keyframes in the last columns ({sources})."
+                    if systems else ""),
+        arm_table(campaign, summary, "ate_keyframes", 4, extra=systems,
+                  extra_cells=published_cells))
     add("Trajectory error of all localised frames, median of the seeds (range).",
         arm_table(campaign, summary, "ate", 4, with_range=True))
     add("Relative error per length of way (RMSE).",

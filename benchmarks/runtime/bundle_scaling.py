@@ -2,10 +2,14 @@
 """Time and memory of the bundle adjustment by the size of the map, without and with planes.
 
 Synthetic drives (s3-drive), each arm in a process of its own, arms alternating; medians. Prints a
-Markdown table, and CSV with --csv FILE. Needs Python's standard library only.
+Markdown table; CSV with --csv FILE, curves with --plot FILE.svg, over the keyframes or, with one
+number of keyframes, over the points. "times plain" is the median of the rounds' ratios of the CPU time
+per iteration. Needs Python's standard library only.
 
   cmake -S . -B build -DS3LAM_BENCHMARKS=ON && cmake --build build
-  benchmarks/runtime/bundle_scaling.py --bin build/bin --csv scaling.csv
+  benchmarks/runtime/bundle_scaling.py --bin build/bin --repeat 3 --plot keyframes.svg
+  benchmarks/runtime/bundle_scaling.py --bin build/bin --repeat 3 --plot points.svg \\
+    --keyframes 500 --points-per-keyframe 50 100 200 500 1000 2000
 
 The limits between the linear solvers in src/refine/schur_bundle.cc were found with
 --solvers dense sparse iterative, which runs the plain arm with each of them.
@@ -13,25 +17,64 @@ The limits between the linear solvers in src/refine/schur_bundle.cc were found w
 
 import argparse
 import csv
+import itertools
 import json
 import pathlib
 import statistics
 import subprocess
 
+import svg_plot
+
 COLUMNS = ["keyframes", "points", "observations", "arm", "backend", "linear_solver", "iterations",
-           "seconds", "cpu_seconds", "cpu_seconds_per_iteration", "start_memory_mib",
+           "seconds", "cpu_seconds", "cpu_seconds_per_iteration", "times_plain", "start_memory_mib",
            "peak_memory_mib", "initial_cost", "final_cost", "converged"]
 
 
-def measure(program, keyframes, arm, backend, solver, arguments):
-    command = [program, "--keyframes", str(keyframes), "--arm", arm, "--json", "--quiet",
+def measure(program, size, arm, backend, solver, arguments):
+    keyframes, points_per_keyframe = size
+    command = [program, "--keyframes", str(keyframes), "--points-per-keyframe",
+               str(points_per_keyframe), "--arm", arm, "--json", "--quiet",
                "--threads", str(arguments.threads), "--set", f"linear_solver={solver}",
                "--set", f"backend={backend}"]
     if arguments.iterations:
         command += ["--set", f"max_iterations={arguments.iterations}",
                     "--set", "function_tolerance=0"]
     run = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    return json.loads(run.stdout) | {"backend": backend}
+    row = json.loads(run.stdout) | {"backend": backend}
+    row["cpu_seconds_per_iteration"] = row["cpu_seconds"] / max(1, row["iterations"])
+    return row
+
+
+def measure_size(size, arguments):
+    """A row per arm: medians over the rounds."""
+    arms = [(arm, backend, solver) for solver in arguments.solvers
+            for backend in arguments.backends for arm in arguments.arms]
+    once = arguments.once_from is not None and size[0] >= arguments.once_from
+    rounds = [[measure(arguments.bin / "s3-drive", size, *arm, arguments) for arm in arms]
+              for _ in range(1 if once else arguments.repeat)]
+    rows = []
+    for runs in zip(*rounds):
+        row = dict(runs[0])
+        for name in ("seconds", "cpu_seconds", "cpu_seconds_per_iteration", "peak_memory_mib"):
+            row[name] = statistics.median(run[name] for run in runs)
+        row["times_plain"] = statistics.median(
+            run["cpu_seconds_per_iteration"] / first[0]["cpu_seconds_per_iteration"]
+            for run, first in zip(runs, rounds))
+        rows.append(row)
+    return rows
+
+
+def plot(path, rows, over):
+    """Time and memory over the column `over`."""
+    def curves(column):
+        found = {}
+        for row in rows:
+            found.setdefault(row["arm"], []).append((row[over], row[column]))
+        return found
+
+    svg_plot.write(path, over, {
+        "bundle adjustment to convergence: wall time [s]": curves("seconds"),
+        "peak memory [MiB]": curves("peak_memory_mib")})
 
 
 def main():
@@ -40,6 +83,7 @@ def main():
     parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
     parser.add_argument("--keyframes", type=int, nargs="+",
                         default=[100, 200, 500, 1000, 2000, 5000, 10000])
+    parser.add_argument("--points-per-keyframe", type=int, nargs="+", default=[200])
     parser.add_argument("--arms", nargs="+", default=["plain", "planes"])
     parser.add_argument("--solvers", nargs="+", default=["auto"])
     parser.add_argument("--backends", nargs="+", default=["schur"])
@@ -47,29 +91,24 @@ def main():
                         help="make so many instead of stopping by the tolerance")
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--repeat", type=int, default=1)
+    parser.add_argument("--once-from", type=int, metavar="KEYFRAMES",
+                        help="measure drives of so many and more once only")
     parser.add_argument("--csv", type=pathlib.Path)
+    parser.add_argument("--plot", type=pathlib.Path, metavar="SVG")
     arguments = parser.parse_args()
     rows = []
     print("| keyframes | points | observations | arm | solver | iterations | wall [s] | CPU [s] "
-          "| CPU per iteration [s] | memory [MiB] |")
-    print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
-    for keyframes in arguments.keyframes:
-        arms = [(arm, backend, solver) for solver in arguments.solvers
-                for backend in arguments.backends for arm in arguments.arms]
-        results = {arm: [] for arm in arms}
-        for _ in range(arguments.repeat):
-            for arm in arms:
-                results[arm].append(measure(arguments.bin / "s3-drive", keyframes, *arm, arguments))
-        for runs in results.values():
-            row = runs[0]
-            for name in ("seconds", "cpu_seconds"):
-                row[name] = statistics.median(run[name] for run in runs)
-            row["cpu_seconds_per_iteration"] = row["cpu_seconds"] / max(1, row["iterations"])
+          "| CPU per iteration [s] | times plain | memory [MiB] |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
+    for size in itertools.product(arguments.keyframes, arguments.points_per_keyframe):
+        for row in measure_size(size, arguments):
             rows.append(row)
             print(f"| {row['keyframes']} | {row['points']} | {row['observations']} | {row['arm']} "
                   f"| {row['linear_solver']} | {row['iterations']} | {row['seconds']:.2f} "
                   f"| {row['cpu_seconds']:.2f} | {row['cpu_seconds_per_iteration']:.4f} "
-                  f"| {row['peak_memory_mib']:.0f} |", flush=True)
+                  f"| {row['times_plain']:.2f} | {row['peak_memory_mib']:.0f} |", flush=True)
+    if arguments.plot:
+        plot(arguments.plot, rows, "keyframes" if len(arguments.keyframes) > 1 else "points")
     if arguments.csv:
         with arguments.csv.open("w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")

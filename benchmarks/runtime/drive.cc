@@ -15,7 +15,6 @@ constexpr double kFacadeLength = 20.0;  // m
 constexpr double kGroundLength = 40.0;  // m
 constexpr double kMinDepth = 4.0;       // m
 constexpr double kMaxDepth = 40.0;      // m
-constexpr int kPointsPerKeyframe = 200;
 constexpr double kPixelSigma = 0.5;
 
 /// The ring the street follows; z up.
@@ -53,8 +52,11 @@ struct Place {
 
 class DriveMaker {
  public:
-  DriveMaker(int num_keyframes, uint64_t seed)
-      : num_keyframes_(num_keyframes), ring_(num_keyframes), rng_(seed) {}
+  DriveMaker(int num_keyframes, int points_per_keyframe, uint64_t seed)
+      : num_keyframes_(num_keyframes),
+        points_per_keyframe_(points_per_keyframe),
+        ring_(num_keyframes),
+        rng_(seed) {}
 
   Drive Make() {
     Camera camera;
@@ -74,7 +76,7 @@ class DriveMaker {
     }
     MakePlanes();
     // Along the drive, as points of a map are found.
-    const double count = static_cast<double>(num_keyframes_) * kPointsPerKeyframe;
+    const double count = static_cast<double>(num_keyframes_) * points_per_keyframe_;
     const double span = std::min(num_keyframes_, ring_.length());
     for (double k = 0; k < count; ++k) AddPoint(camera, span * k / count);
     return std::move(drive_);
@@ -160,6 +162,7 @@ class DriveMaker {
   }
 
   int num_keyframes_;
+  int points_per_keyframe_;
   Ring ring_;
   Rng rng_;
   Drive drive_;
@@ -175,7 +178,9 @@ Eigen::Vector3d GaussianVector(Rng& rng, double sigma) {
 
 }  // namespace
 
-Drive MakeDrive(int num_keyframes, uint64_t seed) { return DriveMaker(num_keyframes, seed).Make(); }
+Drive MakeDrive(int num_keyframes, int points_per_keyframe, uint64_t seed) {
+  return DriveMaker(num_keyframes, points_per_keyframe, seed).Make();
+}
 
 void Perturb(uint64_t seed, Reconstruction& model) {
   Rng rng(seed);

@@ -18,8 +18,8 @@ struct Drive {
   std::map<PointId, int> plane_of_point;  // Of the 60 % that lie on one.
 };
 
-/// About 200 points and 1,000 observations per keyframe, keypoints with 0.5 px of noise.
-Drive MakeDrive(int num_keyframes, uint64_t seed);
+/// About five observations of each point, keypoints with 0.5 px of noise.
+Drive MakeDrive(int num_keyframes, int points_per_keyframe, uint64_t seed);
 
 /// Moves points and camera centres by 1 % of the median depth and turns cameras by 0.3 deg
 /// (standard deviations).

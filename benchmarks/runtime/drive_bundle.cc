@@ -29,7 +29,9 @@ void AddPlanes(const benchmarks::Drive& drive, BundleMap& map) {
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
   const int num_keyframes = arguments["keyframes"].as<int>();
   if (num_keyframes < 10) throw UsageError("--keyframes must be at least 10");
-  benchmarks::Drive drive = benchmarks::MakeDrive(num_keyframes, common.seed);
+  const int points_per_keyframe = arguments["points-per-keyframe"].as<int>();
+  if (points_per_keyframe < 10) throw UsageError("--points-per-keyframe must be at least 10");
+  benchmarks::Drive drive = benchmarks::MakeDrive(num_keyframes, points_per_keyframe, common.seed);
   benchmarks::Perturb(common.seed, drive.model);
   nlohmann::json report{{"keyframes", drive.model.images.size()},
                         {"points", drive.model.points.size()},
@@ -80,6 +82,7 @@ int main(int argc, char** argv) {
       "With --output it only writes the COLMAP model.";
   auto add = program.arguments.add_options();
   add("keyframes", po::value<int>()->default_value(200), "number of keyframes");
+  add("points-per-keyframe", po::value<int>()->default_value(200), "points for each of them");
   add("arm", po::value<std::string>()->default_value("plain"), "plain or planes");
   add("output", po::value<std::string>()->value_name("DIR"), "folder to write");
   tools::SetConfiguration(BundleSolverOptions(), program);

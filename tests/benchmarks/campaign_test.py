@@ -101,6 +101,17 @@ class Campaign(unittest.TestCase):
         lines = (self.folder / "out" / "tables.csv").read_text().splitlines()
         self.assertEqual(len(lines), 13)
 
+    def test_paper_runs_one_sequence_with_and_without_loops(self):
+        self.make("tum/rgbd_dataset_freiburg3_nostructure_texture_near_withloop")
+        text = self.run_campaign("--sequences", "fr3_nstr_tex_near", "fr3_nstr_tex_near_no_loop",
+                                 "--arms", "full")
+        self.assertIn("| sequence | reference | masks | full | S3LAM | S3LAM, planes merged | "
+                      "ORB-SLAM2 (paper) | ORB-SLAM |", text)
+        self.assertIn("| fr3_nstr_tex_near_no_loop | groundtruth.txt | given | 0.5000 | 0.0153 | "
+                      "0.0135 | 0.0203 | - |", text)
+        self.assertEqual(["loops.enabled=false" in call for call in self.calls("s3-slam")],
+                         ["_no_loop" in call for call in self.calls("s3-slam")])
+
     def test_interrupted_campaign_goes_on(self):
         self.make("tum/rgbd_dataset_freiburg1_xyz")
         arguments = ("--sequences", "fr1_xyz", "--arms", "slam", "off", "fixed")
