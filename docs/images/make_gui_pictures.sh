@@ -47,7 +47,7 @@ picture() {  # picture MODEL NAME
   DISPLAY=$display import -window root "$scratch/$2.png"
   kill $gui
   wait $gui 2> /dev/null || true
-convert "$scratch/$2.png" -crop 1024x520+0+55 +repage -strip -colors 128 "$here/$2.png"
+  convert "$scratch/$2.png" -crop 1024x520+0+55 +repage -strip -colors 128 "$here/$2.png"
 }
 picture "$demo/3_refine" gui_refined
 picture "$demo/2_lift/model_by_class" gui_by_class

@@ -20,7 +20,8 @@ std::vector<Cluster> FindClusters(const MaskObservations& observations,
     return ClusterByClassAndInstance(observations, TrackInstances(observations, options.tracking),
                                      distributions);
   }
-  return ClusterByInstance(observations, ClusterByConsensus(observations, options.consensus),
+  return ClusterByInstance(observations,
+                           ClusterByConsensus(observations, options.consensus, options.num_threads),
                            distributions, class_table);
 }
 

@@ -101,7 +101,7 @@ INSTANTIATE_TEST_SUITE_P(Windows, ByWindow, ::testing::Values(128, 5, 1));
 
 TEST_P(ByWindow, FindsObjectsWithoutHelpFromClasses) {
   ObjectScene scene = MakeObjectScene(5, 12, 0.0, 1);
-  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), Options());
+  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), Options(), 2);
   EXPECT_EQ(result.num_instances, 5);
   std::map<int, std::set<int32_t>> instances;
   for (size_t s = 0; s < scene.objects_of_segment.size(); ++s) {
@@ -112,7 +112,7 @@ TEST_P(ByWindow, FindsObjectsWithoutHelpFromClasses) {
 
 TEST_P(ByWindow, OutvotesMergedSegments) {
   ObjectScene scene = MakeObjectScene(5, 20, 0.3, 2);
-  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), Options());
+  const InstanceAssignment result = ClusterByConsensus(scene.builder.result(), Options(), 2);
   std::map<int, std::set<int32_t>> instances;
   std::set<int32_t> all;
   int merged = 0;
@@ -136,7 +136,7 @@ TEST(ClusterByConsensus, TwoSegmentsOfAFrameAreTwoObjects) {
   const int32_t both = builder.AddSegment(1, 1);
   for (int i = 0; i < 10; ++i) builder.AddPoint({a, both});
   for (int i = 0; i < 9; ++i) builder.AddPoint({b, both});
-  const auto id = ClusterByConsensus(builder.result(), ConsensusOptions{}).instance_of_segment;
+  const auto id = ClusterByConsensus(builder.result(), ConsensusOptions{}, 2).instance_of_segment;
   EXPECT_NE(id[0], id[1]);
 }
 
@@ -154,7 +154,7 @@ TEST(ClusterByConsensus, DoesNotDependOnTheOrderOfFrames) {
         builder.AddPoint({segments[1][o], segments[2][o]});
       }
     }
-    const auto id = ClusterByConsensus(builder.result(), ConsensusOptions{}).instance_of_segment;
+    const auto id = ClusterByConsensus(builder.result(), ConsensusOptions{}, 2).instance_of_segment;
     std::vector<bool> same;
     for (const size_t o : {0U, 1U}) {
       for (const size_t v : {1U, 2U}) {
@@ -180,14 +180,14 @@ TEST(ClusterByConsensus, IgnoresCrowds) {
     builder.AddPoint({crowd});
     builder.AddPoint({thing});
   }
-  const InstanceAssignment result = ClusterByConsensus(builder.result(), ConsensusOptions{});
+  const InstanceAssignment result = ClusterByConsensus(builder.result(), ConsensusOptions{}, 2);
   EXPECT_EQ(result.num_instances, 1);
   EXPECT_EQ(result.instance_of_segment[0], kNoInstance);
   EXPECT_EQ(result.instance_of_segment[1], 0);
 }
 
 TEST(ClusterByConsensus, NothingInNothingOut) {
-  EXPECT_EQ(ClusterByConsensus(MaskObservations{}, ConsensusOptions{}).num_instances, 0);
+  EXPECT_EQ(ClusterByConsensus(MaskObservations{}, ConsensusOptions{}, 2).num_instances, 0);
 }
 
 }  // namespace

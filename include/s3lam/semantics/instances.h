@@ -50,6 +50,6 @@ struct ConsensusOptions {
 /// (View consensus as in MaskClustering, CVPR 2024, with point tracks in place of depth, and
 /// correlation clustering in place of thresholds.)
 InstanceAssignment ClusterByConsensus(const MaskObservations& observations,
-                                      const ConsensusOptions& options);
+                                      const ConsensusOptions& options, int num_threads);
 
 }  // namespace s3lam

@@ -1,0 +1,151 @@
+#include "view_votes.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace s3lam {
+namespace {
+
+constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+
+using Flags = std::vector<char>;  // Faster to ask than bits.
+
+/// Points that each pair of frames has in common; of every k-th point only where there are so many
+/// that counting them all takes long. A point is a list of the frames that see it.
+std::vector<std::vector<float>> CountCommon(const std::vector<WeightedList>& frames_of_row,
+                                            size_t num_frames) {
+  constexpr size_t kMaxPairs = 20'000'000;
+  size_t pairs = 0;
+  for (const WeightedList& row : frames_of_row) pairs += row.size() * row.size();
+  const size_t step = 1 + pairs / kMaxPairs;
+  std::vector<std::vector<float>> common(num_frames, std::vector<float>(num_frames));
+  for (size_t row = 0; row < frames_of_row.size(); row += step) {
+    for (const Weighted& a : frames_of_row[row]) {
+      std::vector<float>& of_frame = common[a.id];
+      for (const Weighted& b : frames_of_row[row]) of_frame[b.id] += a.weight * b.weight;
+    }
+  }
+  return common;
+}
+
+/// For every frame, the later ones it is compared with: those that see its points, or, of each of
+/// the two, an even choice of max_partners among them, from the most points in common to the least.
+std::vector<std::vector<uint32_t>> ChoosePartners(const std::vector<WeightedList>& frames_of_row,
+                                                  size_t num_frames, int max_partners) {
+  const std::vector<std::vector<float>> common = CountCommon(frames_of_row, num_frames);
+  std::vector<Flags> chosen(num_frames, Flags(num_frames, 0));
+  for (size_t f = 0; f < num_frames; ++f) {
+    std::vector<size_t> others;
+    for (size_t g = 0; g < num_frames; ++g) {
+      if (g != f && common[f][g] > 0.0F) others.push_back(g);
+    }
+    std::stable_sort(others.begin(), others.end(),
+                     [&](size_t g, size_t h) { return common[f][g] > common[f][h]; });
+    const size_t count = std::min(others.size(), static_cast<size_t>(max_partners));
+    for (size_t i = 0; i < count; ++i) {
+      const size_t g = others[i * others.size() / count];
+      chosen[std::min(f, g)][std::max(f, g)] = 1;
+    }
+  }
+  std::vector<std::vector<uint32_t>> partners(num_frames);
+  for (size_t f = 0; f < num_frames; ++f) {
+    for (size_t g = f + 1; g < num_frames; ++g) {
+      if (chosen[f][g] != 0) partners[f].push_back(static_cast<uint32_t>(g));
+    }
+  }
+  return partners;
+}
+
+}  // namespace
+
+CommonViews::CommonViews(const MaskObservations& observations, const ConsensusOptions& options)
+    : num_rows_(observations.points.size()),
+      sightings_(observations.frames.size()),
+      first_segment_(observations.frames.size() + 1, 0),
+      disagreement_(static_cast<float>(options.disagreement)) {
+  for (const SegmentNode& s : observations.segments) ++first_segment_[s.frame + 1];
+  for (size_t f = 1; f < first_segment_.size(); ++f) first_segment_[f] += first_segment_[f - 1];
+  std::vector<WeightedList> frames_of_row(num_rows_);
+  for (uint32_t row = 0; row < num_rows_; ++row) {
+    for (const PointObservation& o : observations.ObservationsOf(row)) {
+      if (o.segment == kVoidSegment || o.near_border) continue;
+      const auto segment = static_cast<uint32_t>(o.segment);
+      if (observations.segments[segment].label.is_crowd) continue;
+      const float weight = o.predicted ? static_cast<float>(options.predicted_weight) : 1.0F;
+      sightings_[o.frame].push_back({row, segment - first_segment_[o.frame], weight});
+      frames_of_row[row].push_back({o.frame, weight});
+    }
+  }
+  partners_ = ChoosePartners(frames_of_row, num_frames(), options.max_partners);
+}
+
+VoteCounter::VoteCounter(const CommonViews& views)
+    : views_(views), first_sighting_(views.num_rows_, kNone) {}
+
+std::vector<WeightedList> VoteCounter::Count(uint32_t frame, uint32_t end) {
+  const auto& sightings = views_.sightings_[frame];
+  std::vector<WeightedList> votes(views_.first_segment_[frame + 1] - views_.first_segment_[frame]);
+  for (auto i = static_cast<uint32_t>(sightings.size()); i-- > 0;) {
+    first_sighting_[sightings[i].row] = i;
+  }
+  CountOwn(frame, votes);
+  for (const uint32_t other : views_.partners_[frame]) {
+    if (other >= end) break;
+    CountPair(frame, other, votes);
+  }
+  for (const auto& s : sightings) first_sighting_[s.row] = kNone;
+  return votes;
+}
+
+/// Two segments of one frame have no point in common and speak against each other with all of them.
+void VoteCounter::CountOwn(uint32_t frame, std::vector<WeightedList>& votes) {
+  const auto& sightings = views_.sightings_[frame];
+  seen_.assign(votes.size(), 0.0F);
+  for (const auto& b : sightings) {
+    // A point may have several keypoints in a frame.
+    for (uint32_t i = first_sighting_[b.row]; i < sightings.size() && sightings[i].row == b.row;
+         ++i) {
+      if (sightings[i].segment == b.segment) seen_[b.segment] += sightings[i].weight * b.weight;
+    }
+  }
+  const uint32_t first = views_.first_segment_[frame];
+  for (uint32_t a = 0; a < votes.size(); ++a) {
+    if (seen_[a] == 0.0F) continue;
+    for (uint32_t b = a + 1; b < votes.size(); ++b) {
+      if (seen_[b] == 0.0F) continue;
+      votes[a].push_back({first + b, -views_.disagreement_ * (seen_[a] + seen_[b])});
+    }
+  }
+}
+
+/// What two frames put into both segments speaks for one object; what they see of either elsewhere,
+/// against it.
+void VoteCounter::CountPair(uint32_t frame, uint32_t other, std::vector<WeightedList>& votes) {
+  const auto& sightings = views_.sightings_[frame];
+  const uint32_t first = views_.first_segment_[other];
+  const uint32_t num_others = views_.first_segment_[other + 1] - first;
+  common_.assign(votes.size() * num_others, 0.0F);
+  seen_.assign(votes.size(), 0.0F);
+  seen_of_other_.assign(num_others, 0.0F);
+  for (const auto& b : views_.sightings_[other]) {
+    for (uint32_t i = first_sighting_[b.row]; i < sightings.size() && sightings[i].row == b.row;
+         ++i) {
+      const auto& a = sightings[i];
+      const float weight = a.weight * b.weight;
+      common_[a.segment * num_others + b.segment] += weight;
+      seen_[a.segment] += weight;
+      seen_of_other_[b.segment] += weight;
+    }
+  }
+  for (uint32_t a = 0; a < votes.size(); ++a) {
+    if (seen_[a] == 0.0F) continue;
+    for (uint32_t b = 0; b < num_others; ++b) {
+      if (seen_of_other_[b] == 0.0F) continue;
+      const float common = common_[a * num_others + b];
+      const float apart = seen_[a] + seen_of_other_[b] - 2.0F * common;
+      votes[a].push_back({first + b, common - views_.disagreement_ * apart});
+    }
+  }
+}
+
+}  // namespace s3lam
