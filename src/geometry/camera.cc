@@ -34,6 +34,10 @@ std::string_view CameraModelName(CameraModel model) { return Info(model).name; }
 int CameraModelNumParams(CameraModel model) { return Info(model).num_params; }
 bool CameraModelHasSingleFocal(CameraModel model) { return Info(model).single_focal; }
 
+int CameraModelNumDistortion(CameraModel model) {
+  return CameraModelNumParams(model) - (CameraModelHasSingleFocal(model) ? 3 : 4);
+}
+
 std::optional<CameraModel> CameraModelFromName(std::string_view name) {
   for (int id = 0; id < kNumCameraModels; ++id) {
     if (kModels[static_cast<size_t>(id)].name == name) return static_cast<CameraModel>(id);

@@ -45,35 +45,11 @@ struct ReprojectionError {
   }
 };
 
-/// The same camera with a model that has the usual distortion terms.
-Camera WithDistortion(const Camera& camera) {
-  const bool simple =
-      camera.model == CameraModel::kSimplePinhole || camera.model == CameraModel::kPinhole ||
-      camera.model == CameraModel::kSimpleRadial || camera.model == CameraModel::kRadial;
-  if (!simple) return camera;
-  Camera result = camera;
-  result.model = CameraModel::kOpenCv;
-  result.params = {camera.FocalX(),
-                   camera.FocalY(),
-                   camera.PrincipalX(),
-                   camera.PrincipalY(),
-                   0.0,
-                   0.0,
-                   0.0,
-                   0.0};
-  if (camera.model == CameraModel::kSimpleRadial) result.params[4] = camera.params[3];
-  if (camera.model == CameraModel::kRadial) {
-    result.params[4] = camera.params[3];
-    result.params[5] = camera.params[4];
-  }
-  return result;
-}
-
 /// All but focal lengths and principal point.
 std::vector<int> DistortionParams(const Camera& camera) {
   std::vector<int> params;
-  const int first = CameraModelHasSingleFocal(camera.model) ? 3 : 4;
-  for (int i = first; i < static_cast<int>(camera.params.size()); ++i) params.push_back(i);
+  const int count = static_cast<int>(camera.params.size());
+  for (int i = count - CameraModelNumDistortion(camera.model); i < count; ++i) params.push_back(i);
   return params;
 }
 
@@ -330,6 +306,29 @@ void SelfCalibrationOptions::Visit(OptionVisitor& v) {
   v.Value("max_observations", max_observations, "observations used, longest tracks first", 100,
           100000000);
   v.Value("max_iterations", max_iterations, "of each solve", 1, 1000);
+}
+
+Camera WithDistortion(const Camera& camera) {
+  const bool simple =
+      camera.model == CameraModel::kSimplePinhole || camera.model == CameraModel::kPinhole ||
+      camera.model == CameraModel::kSimpleRadial || camera.model == CameraModel::kRadial;
+  if (!simple) return camera;
+  Camera result = camera;
+  result.model = CameraModel::kOpenCv;
+  result.params = {camera.FocalX(),
+                   camera.FocalY(),
+                   camera.PrincipalX(),
+                   camera.PrincipalY(),
+                   0.0,
+                   0.0,
+                   0.0,
+                   0.0};
+  if (camera.model == CameraModel::kSimpleRadial) result.params[4] = camera.params[3];
+  if (camera.model == CameraModel::kRadial) {
+    result.params[4] = camera.params[3];
+    result.params[5] = camera.params[4];
+  }
+  return result;
 }
 
 SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, const Camera& camera,

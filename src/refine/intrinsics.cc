@@ -8,6 +8,8 @@
 #include <tuple>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
+#include "s3lam/optim/self_calibration.h"
 
 namespace s3lam {
 namespace {
@@ -49,6 +51,23 @@ std::vector<CameraUse> UseOfCameras(const BundleProblem& problem) {
   return use;
 }
 
+bool TooFew(const IntrinsicsOptions& options, const CameraUse& use) {
+  return static_cast<int>(use.poses.size()) < options.min_images ||
+         use.observations < options.min_observations;
+}
+
+/// What one camera saw.
+CalibrationProblem ProblemOfCamera(const BundleProblem& problem, size_t camera, double sigma_px) {
+  CalibrationProblem result;
+  result.points = problem.points;
+  for (const PoseBlock& pose : problem.poses) result.poses.push_back(FromPoseBlock(pose.data()));
+  for (const BundleObservation& o : problem.observations) {
+    if (problem.camera_of_pose[o.pose] != static_cast<int>(camera)) continue;
+    result.observations.push_back({o.pose, o.point, o.pixel, 1.0 / (o.sigma * sigma_px)});
+  }
+  return result;
+}
+
 std::set<CameraId> ChosenCameras(const IntrinsicsOptions& options, const BundleMap& map) {
   std::set<CameraId> known;
   for (const auto& ids : map.camera_ids) known.insert(ids.begin(), ids.end());
@@ -86,9 +105,14 @@ bool InvertibleOnBorder(const Camera& camera) {
 void IntrinsicsOptions::Visit(OptionVisitor& v) {
   v.Value("focal_length", focal_length, "refine focal lengths");
   v.Value("principal_point", principal_point, "refine principal points");
-  v.Value("distortion", distortion, "refine what the camera models have of distortion");
+  v.Value("distortion", distortion,
+          "refine what the camera models have of distortion; pinhole models become OPENCV");
   v.Value("shared", shared,
           "all cameras of one model and image size are one, starting as the first of them");
+  v.Value(
+      "check_distortion", check_distortion,
+      "where cameras are kept, tell if a refined lens distortion would explain much better what "
+      "they saw");
   v.Value("cameras", cameras, "ids of the cameras that are refined; none: all");
   v.Value("min_images", min_images, "a camera that fewer images were taken with is kept", 2,
           1000000);
@@ -127,21 +151,48 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, B
     if (map.camera_ids[c].empty()) continue;
     IntrinsicsReport report;
     report.cameras = map.camera_ids[c];
-    report.model = CameraModelName(problem.cameras[c].model);
-    report.before = report.after = problem.cameras[c].params;
-    const std::vector<int> params = RefinedParams(options, problem.cameras[c].model);
-    const auto num_images = static_cast<int>(use[c].poses.size());
+    Camera& camera = problem.cameras[c];
+    report.model = CameraModelName(camera.model);
+    report.before = camera.params;
     if (std::none_of(report.cameras.begin(), report.cameras.end(),
                      [&](CameraId id) { return chosen.contains(id); })) {
       report.reason = "not asked for";
-    } else if (params.empty()) {
-      report.reason = "the model has no such parameters";
-    } else if (num_images < options.min_images || use[c].observations < options.min_observations) {
-      report.reason = fmt::format("only {} images and {} observations of it are in use", num_images,
-                                  use[c].observations);
+    } else if (TooFew(options, use[c])) {
+      report.reason = fmt::format("only {} images and {} observations of it are in use",
+                                  use[c].poses.size(), use[c].observations);
     } else {
-      problem.free_camera_params[c] = params;
+      if (options.distortion && CameraModelNumDistortion(camera.model) == 0) {
+        camera = WithDistortion(camera);
+      }
+      problem.free_camera_params[c] = RefinedParams(options, camera.model);
       report.refined = true;
+    }
+    report.model_after = CameraModelName(camera.model);
+    report.after = camera.params;
+    reports.push_back(std::move(report));
+  }
+  return reports;
+}
+
+std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, double sigma_px,
+                                              const BundleMap& map) {
+  const std::vector<CameraUse> use = UseOfCameras(map.problem);
+  std::vector<IntrinsicsReport> reports;
+  for (size_t c = 0; c < use.size(); ++c) {
+    if (TooFew(options, use[c])) continue;
+    const Camera& camera = map.problem.cameras[c];
+    IntrinsicsReport report;
+    report.cameras = map.camera_ids[c];
+    report.model = report.model_after = CameraModelName(camera.model);
+    report.before = report.after = camera.params;
+    report.distortion_cost_share =
+        RefineDistortion({}, camera, ProblemOfCamera(map.problem, c, sigma_px)).cost_decrease;
+    if (report.distortion_cost_share >= kNotableDistortionShare) {
+      spdlog::warn(
+          "camera {}: another lens distortion would remove {:.0f} % of the reprojection cost, and "
+          "a wrong one bends maps and makes their scale drift: try --set "
+          "intrinsics.distortion=true",
+          report.cameras.front().value(), 100.0 * report.distortion_cost_share);
     }
     reports.push_back(std::move(report));
   }

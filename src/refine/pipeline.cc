@@ -177,7 +177,13 @@ void CountUse(const BundleMap& map, Report& report) {
 /// start with all cameras kept if one ends where it cannot be believed. From here on cameras stay.
 std::vector<OuterIteration> AdjustCameras(Options& options, BundleMap& map,
                                           std::vector<IntrinsicsReport>& reports) {
-  if (!options.intrinsics.Any()) return AdjustPlain(options, map);
+  if (!options.intrinsics.Any()) {
+    auto iterations = AdjustPlain(options, map);
+    if (options.intrinsics.check_distortion) {
+      reports = CheckDistortion(options.intrinsics, options.solver.sigma_px, map);
+    }
+    return iterations;
+  }
   const BundleMap given = map;
   reports = FreeIntrinsics(options.intrinsics, map);
   const std::vector<Camera> before = map.problem.cameras;
@@ -200,6 +206,7 @@ std::vector<OuterIteration> AdjustCameras(Options& options, BundleMap& map,
     for (size_t c = 0; c < map.camera_ids.size(); ++c) {
       const auto& ids = map.camera_ids[c];
       if (std::find(ids.begin(), ids.end(), report.cameras.front()) == ids.end()) continue;
+      report.model_after = CameraModelName(map.problem.cameras[c].model);
       report.after = map.problem.cameras[c].params;
     }
   }

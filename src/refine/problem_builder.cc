@@ -261,7 +261,9 @@ Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& orig
   Reconstruction result = original;
   for (size_t c = 0; c < map.camera_ids.size(); ++c) {
     for (const CameraId id : map.camera_ids[c]) {
-      result.cameras.at(id).params = map.problem.cameras[c].params;
+      Camera& camera = result.cameras.at(id);
+      camera.model = map.problem.cameras[c].model;
+      camera.params = map.problem.cameras[c].params;
     }
   }
   for (size_t i = 0; i < map.image_ids.size(); ++i) {

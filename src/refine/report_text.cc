@@ -123,22 +123,38 @@ json CamerasToJson(const RefineReport& report) {
     for (const CameraId id : camera.cameras) ids.push_back(id.value());
     cameras.push_back({{"cameras", ids},
                        {"model", camera.model},
+                       {"model_after", camera.model_after},
                        {"refined", camera.refined},
                        {"reason", camera.reason},
                        {"params_before", camera.before},
-                       {"params_after", camera.after}});
+                       {"params_after", camera.after},
+                       {"distortion_cost_share", camera.distortion_cost_share}});
   }
   return cameras;
+}
+
+/// What became of a camera; empty if there is nothing to tell.
+std::string Describe(const IntrinsicsReport& camera) {
+  if (camera.refined) {
+    const std::string model =
+        camera.model_after == camera.model ? "" : fmt::format("{} ", camera.model_after);
+    return fmt::format("{:.6g} -> {}{:.6g}", fmt::join(camera.before, " "), model,
+                       fmt::join(camera.after, " "));
+  }
+  if (camera.distortion_cost_share >= kNotableDistortionShare) {
+    return fmt::format("kept, but another lens distortion would remove {:.0f} % of the cost",
+                       100.0 * camera.distortion_cost_share);
+  }
+  return camera.reason.empty() ? "" : "kept, " + camera.reason;
 }
 
 std::string CamerasToTable(const RefineReport& report) {
   std::string text;
   for (const IntrinsicsReport& camera : report.cameras) {
-    text += fmt::format("\ncamera {} {}: ", camera.cameras.front().value(), camera.model);
-    text += camera.refined ? fmt::format("{:.6g} -> {:.6g}", fmt::join(camera.before, " "),
-                                         fmt::join(camera.after, " "))
-                           : "kept, " + camera.reason;
-    text += '\n';
+    const std::string description = Describe(camera);
+    if (description.empty()) continue;
+    text += fmt::format("\ncamera {} {}: {}\n", camera.cameras.front().value(), camera.model,
+                        description);
   }
   return text;
 }

@@ -125,6 +125,73 @@ TEST(RefineIntrinsics, ACameraThatHardlyAnythingWasTakenWithIsKept) {
             map.estimate.cameras.begin()->second.params);
 }
 
+/// Images with a little distortion that the model, a pinhole camera, does not know of.
+Input WithUnknownDistortion(const SyntheticMap& map) {
+  Input input = MakeInput(map);
+  Camera& camera = input.model.cameras.begin()->second;
+  Camera distorted = camera;
+  distorted.model = CameraModel::kOpenCv;
+  distorted.params = {camera.FocalX(),
+                      camera.FocalY(),
+                      camera.PrincipalX(),
+                      camera.PrincipalY(),
+                      0.02,
+                      0.0,
+                      -0.001,
+                      0.0};
+  for (auto& [id, image] : input.model.images) {
+    for (Point2D& point2D : image.points2D) {
+      const auto ray = camera.CameraFromImage(point2D.xy);
+      point2D.xy = *distorted.ImageFromCamera(ray->homogeneous());
+    }
+  }
+  camera.model = CameraModel::kPinhole;
+  camera.params.resize(4);
+  return input;
+}
+
+TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
+  SyntheticMapOptions options;
+  options.num_images = 16;
+  options.num_points = 1500;
+  options.pixel_sigma = 0.2;
+  const SyntheticMap map = MakeSyntheticMap("street", 3, options);
+  ASSERT_EQ(map.estimate.cameras.begin()->second.model, CameraModel::kPinhole);
+  const Input input = WithUnknownDistortion(map);
+  Output kept;
+  const Report told = refine::Run(MakeOptions({"planes.mode=off"}), input, kept);
+  ASSERT_EQ(told.cameras.size(), 1u);
+  EXPECT_GT(told.cameras[0].distortion_cost_share, kNotableDistortionShare);
+  EXPECT_FALSE(told.cameras[0].refined);
+  EXPECT_EQ(kept.model.cameras.begin()->second.model, CameraModel::kPinhole);
+  EXPECT_NE(ToTable(told).find("another lens distortion"), std::string::npos);
+  Output refined;
+  const Report report =
+      refine::Run(MakeOptions({"planes.mode=off", "intrinsics.distortion=true"}), input, refined);
+  ASSERT_EQ(report.cameras.size(), 1u);
+  EXPECT_TRUE(report.cameras[0].refined) << report.cameras[0].reason;
+  EXPECT_EQ(report.cameras[0].model_after, "OPENCV");
+  const Camera& camera = refined.model.cameras.begin()->second;
+  ASSERT_EQ(camera.model, CameraModel::kOpenCv);
+  EXPECT_NEAR(camera.params[4], 0.02, 0.005);
+  EXPECT_NEAR(camera.params[6], -0.001, 0.0005);
+  EXPECT_LT(AlignedCenterError(refined.model, map.truth),
+            0.5 * AlignedCenterError(kept.model, map.truth));
+}
+
+TEST(RefineIntrinsics, ARightDistortionIsNotSpokenOf) {
+  const SyntheticMap map = MakeDeskMap();
+  Output output;
+  const Report report = refine::Run(MakeOptions({"planes.mode=off"}), MakeInput(map), output);
+  ASSERT_EQ(report.cameras.size(), 1u);
+  EXPECT_LT(report.cameras[0].distortion_cost_share, kNotableDistortionShare);
+  EXPECT_EQ(ToTable(report).find("distortion"), std::string::npos);
+  const Report unchecked =
+      refine::Run(MakeOptions({"planes.mode=off", "intrinsics.check_distortion=false"}),
+                  MakeInput(map), output);
+  EXPECT_TRUE(unchecked.cameras.empty());
+}
+
 TEST(RefineIntrinsics, DoubtsNameWhatIsWrong) {
   const IntrinsicsOptions options;
   const Camera before = testing::MakeTestCamera(CameraModel::kSimpleRadial);

@@ -34,6 +34,9 @@ int CameraModelNumParams(CameraModel model);
 /// True if the model has one focal length for both axes.
 bool CameraModelHasSingleFocal(CameraModel model);
 
+/// Parameters of a camera model beyond focal lengths and principal point.
+int CameraModelNumDistortion(CameraModel model);
+
 /// Projects a point in camera coordinates (z > 0) to pixels (COLMAP's convention: the centre of the
 /// first pixel is (0.5, 0.5)). Formulas as in COLMAP and OpenCV: distortion of the normalised
 /// coordinates (x/z, y/z), fisheye models of the angle to the axis.

@@ -38,12 +38,15 @@ struct SelfCalibrationReport {
   Camera camera;               // As given, or refined.
 };
 
+/// The same camera with a model that has the usual distortion terms: pinhole and one- or
+/// two-parameter models become OPENCV, others stay as they are.
+Camera WithDistortion(const Camera& camera);
+
 /// Does the lens distortion of a camera explain what it saw? Adjusts poses and points with the
 /// distortion held and with it free (focal length and principal point stay as calibrated); the
-/// refined camera is accepted if that removes at least min_cost_decrease of the cost. Pinhole and
-/// one- or two-parameter models become OPENCV. Rectified images often keep a little distortion,
-/// which bends monocular trajectories: where the calibration is right, the gain is about one
-/// percent.
+/// refined camera, see WithDistortion, is accepted if that removes at least min_cost_decrease of
+/// the cost. Rectified images often keep a little distortion, which bends monocular trajectories:
+/// where the calibration is right, the gain is about one percent.
 SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, const Camera& camera,
                                        const CalibrationProblem& problem);
 
@@ -75,10 +78,10 @@ std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& o
 
 /// What the focal lengths that five disjoint parts of the problem give, each of successive poses,
 /// differ by beyond their sigmas, as a standard deviation of the focal length of the whole [px]. A
-/// sigma holds independent noise only; what motion blur, a rolling shutter or an inexact distortion do
-/// depends on motion and scene, and differs between the parts. Taken as a random effect of each part
-/// (DerSimonian and Laird 1986). Poses, points and `camera` are those of the whole. 0 if fewer than
-/// two parts give a focal length.
+/// sigma holds independent noise only; what motion blur, a rolling shutter or an inexact distortion
+/// do depends on motion and scene, and differs between the parts. Taken as a random effect of each
+/// part (DerSimonian and Laird 1986). Poses, points and `camera` are those of the whole. 0 if fewer
+/// than two parts give a focal length.
 double FocalSigmaBetweenParts(const SelfCalibrationOptions& options, const Camera& camera,
                               const FocalPrior& prior, const CalibrationProblem& problem);
 

@@ -14,6 +14,7 @@ struct IntrinsicsOptions {
   bool principal_point = false;
   bool distortion = false;
   bool shared = false;
+  bool check_distortion = true;
   std::vector<std::string> cameras;
   int min_images = 5;
   int min_observations = 500;
@@ -27,9 +28,12 @@ struct IntrinsicsOptions {
 /// What became of one camera (or of several that share their parameters).
 struct IntrinsicsReport {
   std::vector<CameraId> cameras;
-  std::string model;
+  std::string model;  // As given.
+  std::string model_after;
   bool refined = false;
-  std::string reason;  // Why not, if not.
+  std::string reason;  // Why not, if it was asked for.
+  /// Share of the reprojection cost that a refined lens distortion would remove; 0 if not checked.
+  double distortion_cost_share = 0.0;
   std::vector<double> before;
   std::vector<double> after;
 };
@@ -37,11 +41,21 @@ struct IntrinsicsReport {
 /// Indices of the parameters of a camera model that the options ask for.
 std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel model);
 
+/// A share of the cost that is worth telling of.
+inline constexpr double kNotableDistortionShare = 0.04;
+
 /// If `shared`, lets all cameras of one model and image size be one, which starts from the first
-/// one's parameters; frees the parameters asked for of the cameras that enough images and
-/// observations in use see. Says of every camera whether and why not. Throws InputError for a
-/// camera in the options that the map does not have.
+/// one's parameters; frees the parameters asked for, of which a pinhole camera gets those of
+/// OPENCV's distortion if that is to be refined, of the cameras that enough images and observations
+/// in use see. Says of every camera whether and why not. Throws InputError for a camera in the
+/// options that the map does not have.
 std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map);
+
+/// How much of the reprojection cost of an adjusted map a refined lens distortion would remove, of
+/// every camera that enough images and observations in use see, see RefineDistortion. What a wrong
+/// distortion does to a map (it bends, and its scale drifts) is not told by its residuals' size.
+std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, double sigma_px,
+                                              const BundleMap& map);
 
 /// Why the refined parameters of a camera cannot be believed; empty if they can: the focal length
 /// changed by at most max_focal_change, the principal point moved by at most max_principal_shift of
