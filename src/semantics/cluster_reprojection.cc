@@ -3,6 +3,7 @@
 #include <set>
 #include <vector>
 
+#include "merge_pairs.h"
 #include "s3lam/semantics/clusters.h"
 
 namespace s3lam {
@@ -63,26 +64,12 @@ class Reprojections {
 int MergeByReprojection(const MaskObservations& observations, const ClusterOptions& options,
                         std::vector<Cluster>& clusters) {
   Reprojections reprojections(observations, clusters);
-  int num_merges = 0;
-  for (size_t a = 0; a < clusters.size(); ++a) {
-    for (size_t b = a + 1; b < clusters.size();) {
-      const auto share = [&](size_t x, size_t y) {
-        return reprojections.ShareInside(clusters[x], clusters[y], options.min_points);
-      };
-      const bool same_object = clusters[a].class_index == clusters[b].class_index &&
-                               std::max(share(a, b), share(b, a)) > options.min_reprojected;
-      if (!same_object) {
-        ++b;
-        continue;
-      }
-      MergeInto(clusters[b], clusters[a]);
-      reprojections.AddFrames(clusters[a]);
-      clusters.erase(clusters.begin() + static_cast<std::ptrdiff_t>(b));
-      ++num_merges;
-      b = a + 1;  // The grown cluster may now match one passed over.
-    }
-  }
-  return num_merges;
+  const auto same_object = [&](const Cluster& a, const Cluster& b) {
+    return std::max(reprojections.ShareInside(a, b, options.min_points),
+                    reprojections.ShareInside(b, a, options.min_points)) > options.min_reprojected;
+  };
+  return MergePairs(clusters, same_object,
+                    [&](const Cluster& grown) { reprojections.AddFrames(grown); });
 }
 
 }  // namespace s3lam

@@ -7,6 +7,8 @@
 #include <string_view>
 #include <utility>
 
+#include "merge_pairs.h"
+
 namespace s3lam {
 namespace {
 
@@ -150,6 +152,10 @@ void ClusterOptions::Visit(OptionVisitor& v) {
           "With merge = reprojection, more than this share of the points of one cluster fall into "
           "segments of the other.",
           0.0, 1.0);
+  v.Value("min_in_space", min_in_space,
+          "With instances = consensus, objects of one class that no image shows both of are one "
+          "where more than this share of the points of one lie within the other; 1: never.",
+          0.0, 1.0);
 }
 
 std::vector<Cluster> ClusterByClassAndInstance(const MaskObservations& observations,
@@ -207,28 +213,14 @@ int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint
                   double median_depth, const ClusterOptions& options,
                   std::vector<Cluster>& clusters) {
   const double max_distance = options.merge_distance * median_depth;
-  int num_merges = 0;
-  for (size_t a = 0; a < clusters.size(); ++a) {
-    for (size_t b = a + 1; b < clusters.size();) {
-      const bool same_class = clusters[a].class_index == clusters[b].class_index;
-      const bool same_object =
-          same_class &&
-          (Centroid(reconstruction, clusters[a].points) -
-           Centroid(reconstruction, clusters[b].points))
-                  .norm() < max_distance &&
-          MatchedShare(clusters[a], clusters[b], descriptors, options.max_descriptor_distance) >
-              options.min_matched_descriptors;
-      if (!same_object) {
-        ++b;
-        continue;
-      }
-      MergeInto(clusters[b], clusters[a]);
-      clusters.erase(clusters.begin() + static_cast<std::ptrdiff_t>(b));
-      ++num_merges;
-      b = a + 1;  // The grown cluster may now match one passed over.
-    }
-  }
-  return num_merges;
+  const auto same_object = [&](const Cluster& a, const Cluster& b) {
+    const double distance =
+        (Centroid(reconstruction, a.points) - Centroid(reconstruction, b.points)).norm();
+    return distance < max_distance &&
+           MatchedShare(a, b, descriptors, options.max_descriptor_distance) >
+               options.min_matched_descriptors;
+  };
+  return MergePairs(clusters, same_object, [](const Cluster& /*grown*/) {});
 }
 
 void AddClusters(const Reconstruction& reconstruction, std::vector<Cluster> clusters,

@@ -162,6 +162,10 @@ LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable&
             ? MergeByReprojection(observations, options.clusters, clusters)
             : MergeClusters(reconstruction, descriptors, MedianDepth(reconstruction),
                             options.clusters, clusters);
+    if (options.instances == InstanceMethod::kConsensus) {
+      result.report.num_merges +=
+          MergeSeenApart(reconstruction, class_table, options.clusters, clusters);
+    }
     AddClusters(reconstruction, std::move(clusters), options.clusters, map);
   }
   {

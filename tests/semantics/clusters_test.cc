@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <cmath>
+#include <numbers>
 #include <vector>
 
 #include "semantics/semantics_fixture.h"
@@ -180,6 +182,59 @@ TEST(AddClusters, DropsSmallOnesAndNumbersTheRest) {
   EXPECT_TRUE(cluster.centroid_in_world.isApprox(Eigen::Vector3d(2.0, 0.045, 0.0)));
   EXPECT_FALSE(map.cluster_of_point[0].valid());
   EXPECT_EQ(map.cluster_of_point[10], ClusterId(0));
+}
+
+/// The near and the far side of a cup, each more than half of it, seen in three images of its own.
+struct CupFromTwoSides {
+  Reconstruction reconstruction;
+  std::vector<Cluster> clusters;
+
+  explicit CupFromTwoSides(double apart = 0.0) {
+    clusters.resize(2);
+    for (size_t k = 0; k < 2; ++k) {
+      clusters[k].class_index = 1;
+      for (size_t i = 0; i < 60; ++i) {
+        const double angle =
+            std::numbers::pi * (static_cast<double>(k) + 1.3 * static_cast<double>(i % 10) / 9.0);
+        const PointId id(100 * k + i);
+        reconstruction.points[id].xyz = {0.04 * std::cos(angle) + apart * static_cast<double>(k),
+                                         0.04 * std::sin(angle),
+                                         0.02 * static_cast<double>(i / 10)};
+        clusters[k].points.push_back(id);
+      }
+      for (uint32_t f = 0; f < 3; ++f) {
+        clusters[k].segments.push_back({ImageId(static_cast<uint32_t>(10 * k) + f), 7});
+      }
+    }
+  }
+
+  int Merge(const ClusterOptions& options = {}) {
+    return MergeSeenApart(reconstruction, Table(), options, clusters);
+  }
+};
+
+TEST(MergeSeenApart, JoinsTheSidesOfOneThing) {
+  CupFromTwoSides cup;
+  EXPECT_EQ(cup.Merge(), 1);
+  ASSERT_EQ(cup.clusters.size(), 1U);
+  EXPECT_EQ(cup.clusters[0].points.size(), 120U);
+  EXPECT_EQ(cup.clusters[0].segments.size(), 6U);
+}
+
+TEST(MergeSeenApart, KeepsWhatAnImageShowsApartOrIsElsewhereOrNoThing) {
+  CupFromTwoSides seen_together;
+  seen_together.clusters[1].segments.push_back({ImageId(2), 8});
+  EXPECT_EQ(seen_together.Merge(), 0);
+  EXPECT_EQ(CupFromTwoSides(0.12).Merge(), 0);
+  CupFromTwoSides stuff;
+  for (Cluster& cluster : stuff.clusters) cluster.class_index = 0;
+  EXPECT_EQ(stuff.Merge(), 0);
+  CupFromTwoSides other_class;
+  other_class.clusters[1].class_index = 2;
+  EXPECT_EQ(other_class.Merge(), 0);
+  ClusterOptions never;
+  never.min_in_space = 1.0;
+  EXPECT_EQ(CupFromTwoSides().Merge(never), 0);
 }
 
 }  // namespace

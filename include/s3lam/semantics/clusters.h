@@ -26,6 +26,7 @@ struct ClusterOptions {
   double min_matched_descriptors = 0.8;
   int max_descriptor_distance = 50;
   double min_reprojected = 0.8;
+  double min_in_space = 0.5;
 
   void Visit(OptionVisitor& v);
 };
@@ -56,6 +57,12 @@ int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint
 /// segments.
 int MergeByReprojection(const MaskObservations& observations, const ClusterOptions& options,
                         std::vector<Cluster>& clusters);
+
+/// Merges clusters of one class of things that no image shows both of and of which more than
+/// min_in_space of the points of one lie in the space of the other: an object that was seen from two
+/// sides, with nothing in between, has no point in common for anything else to go by.
+int MergeSeenApart(const Reconstruction& reconstruction, const ClassTable& class_table,
+                   const ClusterOptions& options, std::vector<Cluster>& clusters);
 
 /// Adds points and segments of one cluster to another.
 void MergeInto(const Cluster& from, Cluster& into);
