@@ -223,6 +223,10 @@ void ConsensusOptions::Visit(OptionVisitor& v) {
   v.Value("predicted_weight", predicted_weight,
           "What a predicted observation counts against a real one (see lookup.visibility).", 0.0,
           1.0);
+  v.Value("other_class_weight", other_class_weight,
+          "What a point in two segments of different classes counts in their favour against one in "
+          "segments of the same class.",
+          0.0, 1.0);
   v.Value("min_agreement", min_agreement,
           "Objects are joined while the points in favour outweigh those against by this.", 0.0);
   v.Value("max_partners", max_partners, "Frames that each frame is compared with at most.", 1);

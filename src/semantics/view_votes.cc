@@ -62,8 +62,12 @@ CommonViews::CommonViews(const MaskObservations& observations, const ConsensusOp
     : num_rows_(observations.points.size()),
       sightings_(observations.frames.size()),
       first_segment_(observations.frames.size() + 1, 0),
-      disagreement_(static_cast<float>(options.disagreement)) {
-  for (const SegmentNode& s : observations.segments) ++first_segment_[s.frame + 1];
+      disagreement_(static_cast<float>(options.disagreement)),
+      other_class_weight_(static_cast<float>(options.other_class_weight)) {
+  for (const SegmentNode& s : observations.segments) {
+    ++first_segment_[s.frame + 1];
+    class_of_segment_.push_back(s.label.class_index);
+  }
   for (size_t f = 1; f < first_segment_.size(); ++f) first_segment_[f] += first_segment_[f - 1];
   std::vector<WeightedList> frames_of_row(num_rows_);
   for (uint32_t row = 0; row < num_rows_; ++row) {
@@ -118,12 +122,18 @@ void VoteCounter::CountOwn(uint32_t frame, std::vector<WeightedList>& votes) {
   }
 }
 
-/// What two frames put into both segments speaks for one object; what they see of either elsewhere,
-/// against it.
+/// What two frames put into both segments speaks for one object, less so if they are of different
+/// classes; what they see of either elsewhere, against it.
 void VoteCounter::CountPair(uint32_t frame, uint32_t other, std::vector<WeightedList>& votes) {
   const auto& sightings = views_.sightings_[frame];
+  const uint32_t own_first = views_.first_segment_[frame];
   const uint32_t first = views_.first_segment_[other];
   const uint32_t num_others = views_.first_segment_[other + 1] - first;
+  const auto weight_of_common = [&](uint32_t a, uint32_t b) {
+    const bool same_class =
+        views_.class_of_segment_[own_first + a] == views_.class_of_segment_[first + b];
+    return same_class ? 1.0F : views_.other_class_weight_;
+  };
   common_.assign(votes.size() * num_others, 0.0F);
   seen_.assign(votes.size(), 0.0F);
   seen_of_other_.assign(num_others, 0.0F);
@@ -143,7 +153,8 @@ void VoteCounter::CountPair(uint32_t frame, uint32_t other, std::vector<Weighted
       if (seen_of_other_[b] == 0.0F) continue;
       const float common = common_[a * num_others + b];
       const float apart = seen_[a] + seen_of_other_[b] - 2.0F * common;
-      votes[a].push_back({first + b, common - views_.disagreement_ * apart});
+      votes[a].push_back(
+          {first + b, weight_of_common(a, b) * common - views_.disagreement_ * apart});
     }
   }
 }

@@ -39,7 +39,9 @@ class CommonViews {
   std::vector<std::vector<Sighting>> sightings_;  // Of each frame, by row.
   std::vector<uint32_t> first_segment_;
   std::vector<std::vector<uint32_t>> partners_;  // The later frames that each is compared with.
+  std::vector<int> class_of_segment_;
   float disagreement_;
+  float other_class_weight_;
 };
 
 /// Counts the votes of pairs of frames; has room of its own, so each thread needs one.

@@ -140,6 +140,34 @@ TEST(ClusterByConsensus, TwoSegmentsOfAFrameAreTwoObjects) {
   EXPECT_NE(id[0], id[1]);
 }
 
+TEST(ClusterByConsensus, AMissedObjectDoesNotTakeWhatSurroundsIt) {
+  // Frames 0 to 2 see one end of a wall, frames 4 to 6 a sheet on it and the other end. Frame 3,
+  // which sees more of the sheet than of either end, takes all for wall.
+  ObservationBuilder builder;
+  std::vector<int32_t> wall;
+  std::vector<int32_t> end;
+  std::vector<int32_t> sheet;
+  for (uint32_t f = 0; f < 3; ++f) wall.push_back(builder.AddSegment(f, 0));
+  const int32_t both = builder.AddSegment(3, 0);
+  for (uint32_t f = 4; f < 7; ++f) {
+    sheet.push_back(builder.AddSegment(f, 1));
+    end.push_back(builder.AddSegment(f, 0));
+  }
+  for (int i = 0; i < 12; ++i) {
+    builder.AddPoint({wall[0], wall[1], wall[2], both});
+    builder.AddPoint({both, end[0], end[1], end[2]});
+  }
+  for (int i = 0; i < 20; ++i) builder.AddPoint({both, sheet[0], sheet[1], sheet[2]});
+  ConsensusOptions options;
+  const auto id = ClusterByConsensus(builder.result(), options, 2).instance_of_segment;
+  EXPECT_EQ(id[wall[0]], id[both]);
+  EXPECT_EQ(id[sheet[0]], id[sheet[2]]);
+  EXPECT_NE(id[sheet[0]], id[both]);
+  options.other_class_weight = 1.0;
+  const auto blind = ClusterByConsensus(builder.result(), options, 2).instance_of_segment;
+  EXPECT_EQ(blind[sheet[0]], blind[wall[0]]);
+}
+
 TEST(ClusterByConsensus, DoesNotDependOnTheOrderOfFrames) {
   // Three views of two objects; the middle view of the first object is what links its ends.
   const auto cluster = [](const std::vector<uint32_t>& order) {

@@ -33,6 +33,7 @@ InstanceAssignment TrackInstances(const MaskObservations& observations,
 struct ConsensusOptions {
   double disagreement = 1.0;
   double predicted_weight = 0.3;
+  double other_class_weight = 0.25;
   double min_agreement = 1.0;
   int max_partners = 60;
   int window = 128;
@@ -42,13 +43,14 @@ struct ConsensusOptions {
 
 /// Clusters the segments of all frames at once by the consensus of the views. Two frames that see
 /// the same points vote on every pair of their segments: points that both put into the pair speak
-/// for one object, points that they put elsewhere against it; two segments of one frame speak
-/// against each other with all their points. The objects are the parts of that signed graph, found
-/// by joining the most agreed pair again and again, votes adding up. So a segment that merges two
-/// objects, splits one or misses one is outvoted. Neither order nor class of the segments matters,
-/// but that runs of `window` frames are joined among themselves before all are.
-/// (View consensus as in MaskClustering, CVPR 2024, with point tracks in place of depth, and
-/// correlation clustering in place of thresholds.)
+/// for one object (less so if the two are of different classes: where an object was missed, it is
+/// often part of what surrounds it), points that they put elsewhere against it; two segments of one
+/// frame speak against each other with all their points. The objects are the parts of that signed
+/// graph, found by joining the most agreed pair again and again, votes adding up. So a segment that
+/// merges two objects, splits one or misses one is outvoted. Their order does not matter, but that
+/// runs of `window` frames are joined among themselves before all are. (View consensus as in
+/// MaskClustering, CVPR 2024, with point tracks in place of depth, and correlation clustering in
+/// place of thresholds.)
 InstanceAssignment ClusterByConsensus(const MaskObservations& observations,
                                       const ConsensusOptions& options, int num_threads);
 
