@@ -18,6 +18,7 @@
 #include "s3lam/base/signal_watch.h"
 #include "s3lam/base/version.h"
 #include "s3lam/io/file.h"
+#include "s3lam/io/image_file.h"
 
 namespace s3lam::tools {
 namespace po = boost::program_options;
@@ -119,6 +120,7 @@ int RunParsed(int argc, char** argv, const Program& program) {
   const CommonArguments common = ParseCommon(arguments);
   InitLogging(common.quiet);
   {
+    PrepareImageDecoders();
     const SignalWatch watch(program.name);
     program.run(arguments, common);
   }

@@ -5,6 +5,11 @@
 
 namespace s3lam {
 
+/// Sets up OpenCV's decoders. It would happen at the first image, in the thread that reads it; but
+/// the libraries behind them write to stderr when memory ends then, and threads take theirs in
+/// large pieces. So: before there are threads. Throws std::bad_alloc if memory does not suffice.
+void PrepareImageDecoders();
+
 /// Decodes an image file with OpenCV's imread flags. The EXIF orientation is never applied: pixels
 /// stay where COLMAP and masks have them. Throws InputError naming the file if it is missing, not
 /// an image, damaged or cut short (which OpenCV itself lets pass for JPEG).
