@@ -7,9 +7,12 @@
 
 #include "jpeg_markers.h"
 #include "s3lam/io/file.h"
+#include "tiff.h"
 
 namespace s3lam {
 namespace {
+
+using internal::Tiff;
 
 constexpr double kFilmWidth = 36.0;      // mm
 constexpr double kFilmDiagonal = 43.27;  // mm
@@ -19,71 +22,13 @@ constexpr double kTypicalFilmFocal = 28.0;
 constexpr double kExifSigma = 0.15;        // Images may be cropped, e.g. by stabilisation.
 constexpr double kFieldOfViewSigma = 0.5;  // 17 to 46 mm.
 
-/// Tags and types of TIFF 6.0 and Exif 2.3.
+/// Tags of TIFF 6.0 and Exif 2.3.
 constexpr unsigned kTagExifDirectory = 0x8769;
 constexpr unsigned kTagFocalLength = 0x920A;
 constexpr unsigned kTagPixelXDimension = 0xA002;
 constexpr unsigned kTagFocalPlaneXResolution = 0xA20E;
 constexpr unsigned kTagFocalPlaneResolutionUnit = 0xA210;
 constexpr unsigned kTagFocalLengthIn35mmFilm = 0xA405;
-constexpr unsigned kTypeShort = 3;
-constexpr unsigned kTypeLong = 4;
-constexpr unsigned kTypeRational = 5;
-
-/// Reads numbers of a TIFF structure; whatever lies outside it is missing.
-class Tiff {
- public:
-  explicit Tiff(std::string_view bytes) : bytes_(bytes), big_endian_(bytes.starts_with("MM")) {}
-
-  [[nodiscard]] bool IsTiff() const {
-    return (bytes_.starts_with("MM") || bytes_.starts_with("II")) && Number(2, 2) == 42;
-  }
-  [[nodiscard]] std::optional<size_t> FirstDirectory() const { return Number(4, 4); }
-
-  /// The first value of a tag in the directory at this place.
-  [[nodiscard]] std::optional<double> Value(size_t directory, unsigned tag) const {
-    const auto count = Number(directory, 2);
-    if (!count) return std::nullopt;
-    for (size_t i = 0; i < *count; ++i) {
-      const size_t entry = directory + 2 + 12 * i;
-      const auto found = Number(entry, 2);
-      if (!found) return std::nullopt;
-      if (*found == tag) return ValueAt(entry);
-    }
-    return std::nullopt;
-  }
-
- private:
-  [[nodiscard]] std::optional<double> ValueAt(size_t entry) const {
-    const auto type = Number(entry + 2, 2);
-    std::optional<size_t> value;
-    if (type == kTypeShort) value = Number(entry + 8, 2);
-    if (type == kTypeLong) value = Number(entry + 8, 4);
-    if (type == kTypeRational) {
-      const auto place = Number(entry + 8, 4);
-      if (!place) return std::nullopt;
-      const auto numerator = Number(*place, 4);
-      const auto denominator = Number(*place + 4, 4);
-      if (!numerator || !denominator || *denominator == 0) return std::nullopt;
-      return static_cast<double>(*numerator) / static_cast<double>(*denominator);
-    }
-    if (!value) return std::nullopt;
-    return static_cast<double>(*value);
-  }
-
-  [[nodiscard]] std::optional<size_t> Number(size_t place, size_t num_bytes) const {
-    if (place > bytes_.size() || bytes_.size() - place < num_bytes) return std::nullopt;
-    size_t number = 0;
-    for (size_t i = 0; i < num_bytes; ++i) {
-      const size_t next = big_endian_ ? place + i : place + num_bytes - 1 - i;
-      number = number << 8 | static_cast<uint8_t>(bytes_[next]);
-    }
-    return number;
-  }
-
-  std::string_view bytes_;
-  bool big_endian_;
-};
 
 /// Millimetres per unit of the focal plane's resolution.
 std::optional<double> UnitInMillimetres(double unit) {

@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "image_decode.h"
+#include "image_header.h"
 #include "jpeg_markers.h"
 #include "png_mask.h"
 #include "s3lam/base/error.h"
@@ -49,129 +50,10 @@ void CheckComplete(std::string_view bytes, const std::string& source) {
   if (bytes.starts_with("\x89PNG")) CheckPngIsComplete(bytes, source);
 }
 
-std::optional<cv::Size> PngSize(std::string_view bytes) {
-  // Signature (8 bytes), length and type of the header chunk (8), width (4), height (4).
-  if (!bytes.starts_with("\x89PNG") || bytes.size() < 24) return std::nullopt;
-  constexpr uint32_t kMaxInt = std::numeric_limits<int>::max();
-  const auto big_endian = [&](size_t offset) {
-    uint32_t value = 0;
-    for (size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<uint8_t>(bytes[offset + i]);
-    return static_cast<int>(std::min(value, kMaxInt));
-  };
-  return cv::Size(big_endian(16), big_endian(20));
-}
-
-/// Bits of a pixel of a PNG before compression; 1, the least, if the header is not valid.
-uint64_t PngBitsPerPixel(std::string_view bytes) {
-  constexpr std::array<uint64_t, 7> kChannels = {1, 1, 3, 1, 2, 1, 4};  // By colour type.
-  constexpr size_t kBitDepthAt = 24;
-  constexpr size_t kColourTypeAt = 25;
-  if (bytes.size() <= kColourTypeAt) return 1;
-  const auto bit_depth = static_cast<uint8_t>(bytes[kBitDepthAt]);
-  const auto colour_type = static_cast<uint8_t>(bytes[kColourTypeAt]);
-  if (bit_depth == 0 || bit_depth > 16 || colour_type >= kChannels.size()) return 1;
-  return kChannels[colour_type] * bit_depth;
-}
-
-/// `count` bytes at an offset that is within the file, the least significant first.
-uint32_t LittleEndian(std::string_view bytes, size_t offset, size_t count) {
-  uint32_t value = 0;
-  for (size_t i = count; i-- > 0;) value = value << 8 | static_cast<uint8_t>(bytes[offset + i]);
-  return value;
-}
-
-/// Where the headers of a BMP have what is needed here; that of OS/2 is older and shorter.
-constexpr size_t kBmpHeaderSizeAt = 14;
-constexpr size_t kBmpCompressionAt = 30;
-constexpr size_t kBmpHeadersEnd = 34;
-constexpr uint32_t kOldBmpHeaderSize = 12;
-
-bool IsBmp(std::string_view bytes) {
-  return bytes.starts_with("BM") && bytes.size() >= kBmpHeadersEnd;
-}
-
-bool IsOldBmp(std::string_view bytes) {
-  return LittleEndian(bytes, kBmpHeaderSizeAt, 4) == kOldBmpHeaderSize;
-}
-
-std::optional<cv::Size> BmpSize(std::string_view bytes) {
-  if (!IsBmp(bytes)) return std::nullopt;
-  if (IsOldBmp(bytes)) {
-    return cv::Size(static_cast<int>(LittleEndian(bytes, 18, 2)),
-                    static_cast<int>(LittleEndian(bytes, 20, 2)));
-  }
-  const auto magnitude = [&](size_t offset) {  // Negative heights are of images from above.
-    const auto value = static_cast<int32_t>(LittleEndian(bytes, offset, 4));
-    return std::abs(std::max(value, -std::numeric_limits<int>::max()));
-  };
-  return cv::Size(magnitude(18), magnitude(22));
-}
-
-/// Bits that a pixel of a BMP takes at least: of run lengths, four bytes can skip 255 x 255 pixels.
-double BmpBitsPerPixel(std::string_view bytes) {
-  constexpr uint32_t kRunLengths8 = 1;
-  constexpr uint32_t kRunLengths4 = 2;
-  if (IsOldBmp(bytes)) return LittleEndian(bytes, 24, 2);
-  const uint32_t compression = LittleEndian(bytes, kBmpCompressionAt, 4);
-  if (compression == kRunLengths8 || compression == kRunLengths4) return 32.0 / (255.0 * 255.0);
-  return LittleEndian(bytes, 28, 2);
-}
-
-/// Of a PBM, PGM or PPM, as OpenCV reads them: one character after a number is passed over,
-/// whatever it is.
-std::optional<cv::Size> PnmSize(std::string_view bytes) {
-  if (bytes.size() < 3 || bytes[0] != 'P' || bytes[1] < '1' || bytes[1] > '6') return std::nullopt;
-  size_t at = 2;
-  const auto is = [&](int (*is_of_kind)(int)) {
-    return at < bytes.size() && is_of_kind(static_cast<unsigned char>(bytes[at])) != 0;
-  };
-  const auto read_number = [&] {
-    while (is(std::isspace) || (at < bytes.size() && bytes[at] == '#')) {
-      at = bytes[at] == '#' ? std::min(bytes.find_first_of("\r\n", at), bytes.size()) : at + 1;
-    }
-    int64_t value = 0;
-    for (; is(std::isdigit); ++at) {
-      value = std::min<int64_t>(10 * value + (bytes[at] - '0'), std::numeric_limits<int>::max());
-    }
-    ++at;
-    return static_cast<int>(value);
-  };
-  const int width = read_number();
-  return cv::Size(width, read_number());
-}
-
-double PnmBitsPerPixel(std::string_view bytes) {
-  if (bytes[1] == '4') return 1.0;
-  return bytes[1] == '6' ? 24.0 : 8.0;  // Of a text, one character at least.
-}
-
-/// What the header says, where it is one that is read here: not of TIFF and WebP.
-std::optional<cv::Size> ClaimedSize(std::string_view bytes) {
-  if (internal::IsJpeg(bytes)) return internal::JpegSize(bytes);
-  if (const auto size = PngSize(bytes)) return size;
-  if (const auto size = BmpSize(bytes)) return size;
-  return PnmSize(bytes);
-}
-
-/// The least that a file with this many pixels has to have [bytes].
-uint64_t LeastFileSize(std::string_view bytes, uint64_t num_pixels) {
-  // Deflate codes at most 258 bytes in 2 bits. JPEG spends a bit or more on a block of 64 pixels,
-  // which a subsampled channel spreads over a few times as many.
-  constexpr uint64_t kMaxPngRatio = 1032;
-  constexpr uint64_t kMaxJpegPixelsPerByte = 4096;
-  if (internal::IsJpeg(bytes)) return num_pixels / kMaxJpegPixelsPerByte;
-  const auto of_bits = [&](double bits_per_pixel) {
-    return static_cast<uint64_t>(static_cast<double>(num_pixels) * bits_per_pixel / 8.0);
-  };
-  if (IsBmp(bytes)) return of_bits(BmpBitsPerPixel(bytes));
-  if (PnmSize(bytes)) return of_bits(PnmBitsPerPixel(bytes));
-  return num_pixels * PngBitsPerPixel(bytes) / 8 / kMaxPngRatio;
-}
-
 /// Holds what a header claims against the size of the file, before a decoder takes the memory.
 void CheckClaimedSize(std::string_view bytes, const std::string& source) {
   constexpr uint64_t kMaxPixels = 1 << 30;  // OpenCV's own limit.
-  const std::optional<cv::Size> size = ClaimedSize(bytes);
+  const std::optional<cv::Size> size = internal::ClaimedSize(bytes);
   if (!size) return;
   const uint64_t num_pixels =
       static_cast<uint64_t>(size->width) * static_cast<uint64_t>(size->height);
@@ -179,7 +61,7 @@ void CheckClaimedSize(std::string_view bytes, const std::string& source) {
     ThrowInputError("{}: an image of {} x {} px is too large (at most 2^30 px)", source,
                     size->width, size->height);
   }
-  if (LeastFileSize(bytes, num_pixels) > bytes.size()) {
+  if (internal::LeastFileSize(bytes, num_pixels) > bytes.size()) {
     ThrowInputError("{}: {} bytes cannot be an image of {} x {} px: damaged", source, bytes.size(),
                     size->width, size->height);
   }
@@ -209,15 +91,21 @@ cv::Mat internal::DecodeImage(std::string_view bytes, int imread_flags, const st
   return image;
 }
 
+void PrepareImageDecoders() {
+  constexpr uint64_t kNeeded = 8ULL << 20;  // Several times what they take.
+  if (AvailableMemory() < kNeeded) throw std::bad_alloc();
+  constexpr int kSomeBytes = 16;
+  (void)cv::imdecode(cv::Mat::zeros(1, kSomeBytes, CV_8U), cv::IMREAD_GRAYSCALE);
+}
+
 cv::Mat ReadImageFile(const std::filesystem::path& path, int imread_flags) {
   return internal::DecodeImage(ReadFile(path), imread_flags, path.string());
 }
 
 cv::Size ReadImageSize(const std::filesystem::path& path) {
   const std::string bytes = ReadFile(path);
-  if (const auto size = PngSize(bytes)) return *size;
-  if (internal::IsJpeg(bytes)) {
-    if (const auto size = internal::JpegSize(bytes)) return *size;
+  if (bytes.starts_with("\x89PNG") || internal::IsJpeg(bytes)) {
+    if (const auto size = internal::ClaimedSize(bytes)) return *size;
   }
   return internal::DecodeImage(bytes, cv::IMREAD_GRAYSCALE, path.string()).size();
 }

@@ -167,6 +167,84 @@ TEST(ImageFile, SizesThatAFileCannotHoldAreRefusedBeforeDecoding) {
   expect_refused(bmp, "65600 x 4144");
 }
 
+/// A TIFF of one directory with these entries of type LONG, whose other bytes do not matter.
+std::string TiffHeader(const std::vector<std::pair<uint16_t, uint32_t>>& entries) {
+  std::string bytes("II*\0\x08\0\0\0", 8);
+  const auto append = [&](uint32_t value, int num_bytes) {
+    for (int i = 0; i < num_bytes; ++i) bytes += static_cast<char>(value >> 8 * i & 0xFF);
+  };
+  append(static_cast<uint32_t>(entries.size()), 2);
+  for (const auto& [tag, value] : entries) {
+    append(tag, 2);
+    append(4, 2);  // LONG
+    append(1, 4);
+    append(value, 4);
+  }
+  return bytes + std::string(200, '\0');
+}
+
+TEST(ImageFile, TiffSizesThatAFileCannotHoldAreRefusedBeforeDecoding) {
+  const TempDir dir;
+  const auto expect_refused = [&](const std::string& bytes, const std::string& message) {
+    const auto path = dir.Write("image.tif", bytes);
+    EXPECT_THAT([&] { (void)ReadImageFile(path, cv::IMREAD_ANYCOLOR); },
+                ThrowsMessage<InputError>(AllOf(HasSubstr("image.tif"), HasSubstr(message))));
+  };
+  expect_refused(TiffHeader({{256, 60000}, {257, 60000}}), "60000 x 60000 px is too large");
+  expect_refused(TiffHeader({{256, 4294967295U}, {257, 4294967295U}}), "is too large");
+  // Without compression, by LZW, JPEG, Deflate of both numbers and run lengths.
+  for (const uint32_t compression : {1U, 5U, 7U, 8U, 32946U, 32773U}) {
+    expect_refused(TiffHeader({{256, 20000}, {257, 9995}, {258, 8}, {259, compression}}),
+                   "cannot be an image of 20000 x 9995 px");
+  }
+  // As BigTIFF, the most significant byte first: 60000 x 60000, as SHORT.
+  const std::string entries(
+      "\x01\0\0\x03\0\0\0\0\0\0\0\x01\xEA\x60\0\0\0\0\0\0"
+      "\x01\x01\0\x03\0\0\0\0\0\0\0\x01\xEA\x60\0\0\0\0\0\0",
+      40);
+  expect_refused(std::string("MM\0+\0\x08\0\0\0\0\0\0\0\0\0\x10\0\0\0\0\0\0\0\x02", 24) + entries,
+                 "60000 x 60000 px is too large");
+  // A directory outside of the file, and an endless one: nothing is claimed, the decoder refuses
+  // them.
+  expect_refused(std::string("II*\0\xff\xff\xff\xff", 8), "image.tif");
+  expect_refused(std::string("II*\0\x08\0\0\0\xff\xff", 10), "image.tif");
+}
+
+TEST(ImageFile, TiffsThatArePackedAsTightlyAsCanBeAreRead) {
+  const TempDir dir;
+  const cv::Mat even(2000, 3000, CV_8UC3, cv::Scalar(7, 7, 7));
+  for (const int compression : {1, 5, 8, 32773, 32946}) {
+    const auto path =
+        dir.Write("image.tif", Encode(".tif", even, {cv::IMWRITE_TIFF_COMPRESSION, compression}));
+    EXPECT_EQ(ReadImageFile(path, cv::IMREAD_ANYCOLOR).size(), even.size()) << compression;
+  }
+}
+
+TEST(ImageFile, WebpSizesThatAFileCannotHoldAreRefusedBeforeDecoding) {
+  if (!cv::haveImageWriter("image.webp")) GTEST_SKIP() << "OpenCV was built without WebP";
+  const TempDir dir;
+  const auto expect_refused = [&](const std::string& bytes, const std::string& message) {
+    const auto path = dir.Write("image.webp", bytes);
+    EXPECT_THAT([&] { (void)ReadImageFile(path, cv::IMREAD_ANYCOLOR); },
+                ThrowsMessage<InputError>(AllOf(HasSubstr("image.webp"), HasSubstr(message))));
+  };
+  std::string lossy = Encode(".webp", NoisyImage(3), {cv::IMWRITE_WEBP_QUALITY, 50});
+  ASSERT_EQ(lossy.substr(12, 4), "VP8 ");
+  lossy.replace(26, 4, "\xff\x3f\xff\x3f");
+  expect_refused(lossy, "cannot be an image of 16383 x 16383 px");
+  std::string extended = lossy;
+  extended.replace(12, 4, "VP8X");
+  extended.replace(24, 6, "\x5f\xea\0\x5f\xea\0", 6);
+  expect_refused(extended, "60000 x 60000 px is too large");
+  // Without loss, one colour takes next to nothing, whatever the size.
+  for (const int quality : {50, 101}) {
+    const cv::Mat even(2000, 3000, CV_8UC3, cv::Scalar(7, 7, 7));
+    const auto path =
+        dir.Write("image.webp", Encode(".webp", even, {cv::IMWRITE_WEBP_QUALITY, quality}));
+    EXPECT_EQ(ReadImageFile(path, cv::IMREAD_ANYCOLOR).size(), even.size()) << quality;
+  }
+}
+
 TEST(ImageFile, ADamagedPngIsRefused) {
   const TempDir dir;
   std::string bytes = Encode(".png", NoisyImage(3));
