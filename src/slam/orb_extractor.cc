@@ -216,13 +216,18 @@ void DescribeLevel(const ImagePyramid& pyramid, int level, const std::vector<Cor
 void RemoveMasked(const cv::Mat& mask, const Eigen::Vector2d& scale, std::vector<Corner>& corners) {
   if (mask.empty()) return;
   std::erase_if(corners, [&](const Corner& corner) {
-    const int x = std::clamp(static_cast<int>((corner.x + 0.5) * scale.x()), 0, mask.cols - 1);
-    const int y = std::clamp(static_cast<int>((corner.y + 0.5) * scale.y()), 0, mask.rows - 1);
-    return mask.at<uint8_t>(y, x) == 0;
+    return IsMasked(mask, {(corner.x + 0.5) * scale.x(), (corner.y + 0.5) * scale.y()});
   });
 }
 
 }  // namespace
+
+bool IsMasked(const cv::Mat& mask, const Eigen::Vector2d& pixel) {
+  if (mask.empty()) return false;
+  const int x = std::clamp(static_cast<int>(pixel.x()), 0, mask.cols - 1);
+  const int y = std::clamp(static_cast<int>(pixel.y()), 0, mask.rows - 1);
+  return mask.at<uint8_t>(y, x) == 0;
+}
 
 ImagePyramid BuildPyramid(const FeatureOptions& options, const cv::Mat& gray) {
   ImagePyramid pyramid;

@@ -223,7 +223,7 @@ std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& inpu
   std::optional<PatchPass> pass;
   if (options.second_pass.patches.enabled) {
     pass.emplace(options.second_pass, options.features, undistorter,
-                 FrameImages{input.read_gray, input.read_mask}, read_threads, map);
+                 FrameImages{input.read_gray, {}}, read_threads, map);
   }
   std::vector<FrameTrack> localized(tracks.size());
   ParallelFor(tracks.size(), pass ? read_threads : options.num_threads, [&](size_t i) {

@@ -84,12 +84,14 @@ PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& fea
       undistorter_(undistorter),
       num_threads_(num_threads),
       refiner_(options.patches, feature_options, undistorter),
-      pyramids_(static_cast<size_t>(map.num_keyframes())) {
+      pyramids_(static_cast<size_t>(map.num_keyframes())),
+      masks_(pyramids_.size()) {
   ParallelFor(pyramids_.size(), num_threads, [&](size_t k) {
     const Keyframe& keyframe = map.keyframe(static_cast<int>(k));
     if (!keyframe.alive) return;
-    pyramids_[k] =
-        BuildPyramid(feature_options, images.read_gray(static_cast<size_t>(keyframe.frame)));
+    const auto frame = static_cast<size_t>(keyframe.frame);
+    pyramids_[k] = BuildPyramid(feature_options, images.read_gray(frame));
+    if (images.read_mask) masks_[k] = images.read_mask(frame);
   });
 }
 
@@ -147,7 +149,8 @@ PatchRefinement PatchPass::RefineObservations(Map& map) const {
     for (size_t i = 0; i < observations.size(); ++i) {
       ++refinement.num_tried;
       const auto& pixel = aligned[p].pixels[i];
-      const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
+      const bool usable = pixel && !IsMasked(masks_[observations[i].keyframe], *pixel);
+      const auto undistorted = usable ? undistorter_.Undistort(*pixel) : std::nullopt;
       if (!undistorted) {
         map.RemoveObservation(p, observations[i].keyframe);
         continue;
@@ -180,7 +183,7 @@ std::vector<PatchPass::NewObservation> PatchPass::FindInNeighbours(
     const PatchView target{&pyramids_[keyframe], pose, *start, projection->level};
     const auto pixel = refiner_.Align(reference_view, target, point.position, point.normal);
     const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
-    if (!undistorted) continue;
+    if (!undistorted || IsMasked(masks_[keyframe], *pixel)) continue;
     Keypoint keypoint;
     keypoint.pixel = pixel->cast<float>();
     keypoint.undistorted = undistorted->cast<float>();

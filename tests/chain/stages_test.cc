@@ -9,6 +9,9 @@
 #include "s3lam/base/sha256.h"
 #include "s3lam/base/version.h"
 #include "s3lam/io/colmap_model.h"
+#include "s3lam/io/ignore_masks.h"
+#include "s3lam/io/image_file.h"
+#include "s3lam/io/image_sequence.h"
 #include "s3lam/io/trajectory.h"
 #include "support/temp_dir.h"
 
@@ -209,6 +212,44 @@ TEST(SameBytes, SynthWithAnyNumberOfThreads) {
     ASSERT_EQ(result.exit_code, 0) << result.errors;
   }
   ExpectSameBytes(dir / "1", dir / "2");
+}
+
+/// Keypoints of all images within a rectangle, and all there are.
+std::pair<size_t, size_t> CountWithin(const Reconstruction& model, const cv::Rect2d& rectangle) {
+  size_t within = 0;
+  size_t all = 0;
+  for (const auto& [id, image] : model.images) {
+    all += image.points2D.size();
+    for (const Point2D& keypoint : image.points2D) {
+      within += rectangle.contains({keypoint.xy.x(), keypoint.xy.y()});
+    }
+  }
+  return {within, all};
+}
+
+TEST(Chain, IgnoreMasksKeepFeaturesOffWhatTheyMask) {
+  const ImageSequence sequence = OpenSequence(ChainFolder("scene"), SequenceFormat::kAuto);
+  const cv::Size size = ReadImageSize(sequence.frames.front().path);
+  const cv::Rect middle(size.width / 3, 0, size.width / 3, size.height);
+  cv::Mat mask(size, CV_8UC1, cv::Scalar(255));
+  mask(middle) = 0;
+  const TempDir dir;
+  for (const SequenceFrame& frame : sequence.frames) {
+    WriteIgnoreMask(mask, dir / "masks", frame.name);
+  }
+  std::vector<std::string> arguments = {
+      Tool("s3-slam"),         "--quiet",  "--sequence", ChainFolder("scene").string(), "--output",
+      (dir / "free").string(), "--frames", "0:60"};
+  ASSERT_EQ(RunProgramApart(arguments).exit_code, 0);
+  arguments[5] = (dir / "masked").string();
+  arguments.insert(arguments.end(), {"--ignore-masks", (dir / "masks").string()});
+  const auto result = RunProgramApart(arguments);
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  const auto [free_within, free_all] = CountWithin(ReadColmapModel(dir / "free"), middle);
+  const auto [masked_within, masked_all] = CountWithin(ReadColmapModel(dir / "masked"), middle);
+  EXPECT_GT(free_within, free_all / 5);
+  EXPECT_GT(masked_all, free_all / 4);
+  EXPECT_EQ(masked_within, 0u);
 }
 
 }  // namespace

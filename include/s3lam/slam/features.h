@@ -131,6 +131,10 @@ struct ImagePyramid {
 };
 ImagePyramid BuildPyramid(const FeatureOptions& options, const cv::Mat& gray);
 
+/// Whether a place [px, the first pixel's centre at 0.5] must not be used: the mask is zero there.
+/// An empty mask leaves everything.
+bool IsMasked(const cv::Mat& mask, const Eigen::Vector2d& pixel);
+
 /// ORB keypoints of an 8-bit gray image, spread evenly over image and scale: FAST corners with a
 /// second, lower threshold where a cell has none, thinned by a quadtree to the strongest of each
 /// node. `mask` (may be empty): keypoints only where it is not zero.

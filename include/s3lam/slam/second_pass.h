@@ -43,11 +43,12 @@ class PatchPass {
             const Map& map);
 
   /// Aligns every observation of a point with the one that looks most like the others; aligned ones
-  /// move and get their smaller sigma, observations that do not align are removed.
+  /// move and get their smaller sigma, observations that do not align, or with what is masked, are
+  /// removed.
   PatchRefinement RefineObservations(Map& map) const;
 
   /// Looks for every point, by its patch, in the neighbouring keyframes that should see it and have
-  /// no keypoint for it; returns the number of observations found.
+  /// no keypoint for it, but not where those are masked; returns the number of observations found.
   int ExtendTracks(Map& map) const;
 
   /// Aligns what a frame that is no keyframe sees with the patches of the keyframes: keypoints move
@@ -84,6 +85,7 @@ class PatchPass {
   int num_threads_;
   PatchRefiner refiner_;
   std::vector<ImagePyramid> pyramids_;  // By keyframe.
+  std::vector<cv::Mat> masks_;          // By keyframe; empty where nothing is masked.
 };
 
 }  // namespace s3lam
