@@ -1,11 +1,11 @@
 #include "s3lam/io/file.h"
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <system_error>
 
 #include "s3lam/base/error.h"
@@ -46,10 +46,19 @@ std::string ReadFile(const std::filesystem::path& path) {
   }
   std::ifstream stream(path, std::ios::binary);
   if (!stream) ThrowInputError("{}: cannot open: {}", path.string(), std::strerror(errno));
-  std::ostringstream content;
-  content << stream.rdbuf();
-  if (stream.bad() || content.bad()) ThrowInputError("{}: cannot read", path.string());
-  return std::move(content).str();
+  return ReadStream(stream, path.string());
+}
+
+std::string ReadStream(std::istream& stream, const std::string& source) {
+  // Not into another stream: that takes std::bad_alloc for the end of the file.
+  std::string content;
+  std::array<char, 1 << 16> piece{};
+  do {
+    stream.read(piece.data(), piece.size());
+    content.append(piece.data(), static_cast<size_t>(stream.gcount()));
+  } while (stream);
+  if (stream.bad()) ThrowInputError("{}: cannot read", source);
+  return content;
 }
 
 void WriteFile(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body) {

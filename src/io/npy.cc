@@ -43,9 +43,7 @@ void WriteNpy(const MatrixXfRow& matrix, const std::filesystem::path& path) {
 
 MatrixXfRow ReadNpy(std::istream& stream, const std::string& source) {
   // Read before allocating, so that a wrong shape cannot ask for more memory than the file has.
-  std::ostringstream content;
-  content << stream.rdbuf();
-  const NpyArray array = ParseNpy(std::move(content).str(), source);
+  const NpyArray array = ParseNpy(ReadStream(stream, source), source);
   if (array.type != "f4" || array.shape.size() != 2) {
     ThrowInputError("{}: expected a float32 array of two dimensions", source);
   }

@@ -11,6 +11,8 @@ namespace s3lam {
 
 /// The whole file. Throws InputError naming the path if it cannot be read.
 std::string ReadFile(const std::filesystem::path& path);
+/// What is left of a stream. Throws InputError naming `source` if it cannot be read.
+std::string ReadStream(std::istream& stream, const std::string& source);
 
 /// Writes through `body` to a stream in the classic locale; throws std::runtime_error naming the
 /// path if anything fails, a full disk included.
