@@ -50,6 +50,13 @@ SequenceFormat ParseFormat(const std::string& name) {
   return *format;
 }
 
+constexpr const char* kCameraAuto = "auto";
+
+/// What --camera says; empty without it.
+std::string CameraArgument(const po::variables_map& arguments) {
+  return arguments.count("camera") > 0 ? arguments["camera"].as<std::string>() : "";
+}
+
 /// A sequence with a camera, which may be a guess.
 struct Opened {
   ImageSequence sequence;
@@ -64,9 +71,8 @@ Opened Open(const po::variables_map& arguments) {
   Opened opened;
   ImageSequence& sequence = opened.sequence;
   sequence = OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range);
-  const std::string camera =
-      arguments.count("camera") > 0 ? arguments["camera"].as<std::string>() : "";
-  if (camera == "auto") {
+  const std::string camera = CameraArgument(arguments);
+  if (camera == kCameraAuto) {
     opened.guess = GuessCamera(sequence);
     sequence.camera = opened.guess->camera;
     spdlog::info("focal length guessed by {}: {:.0f} px, to within {:.0f} %", opened.guess->source,
@@ -196,9 +202,8 @@ std::string Table(const slam::Report& report, const std::string& output) {
 Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
                           const slam::Options& options, const ImageSequence& sequence) {
   Provenance provenance("s3-slam", common, OptionsToJson(slam::Effective(options)));
-  if (arguments.count("camera") > 0) {
-    provenance.AddFile("camera", FindConfigFile(arguments["camera"].as<std::string>(), "cameras"));
-  }
+  const std::string camera = CameraArgument(arguments);
+  if (camera != kCameraAuto) provenance.AddFile("camera", FindConfigFile(camera, "cameras"));
   // What the formats bring beside the images: times, calibration.
   provenance.AddFiles("sequence", Required(arguments, "sequence"),
                       {"camera.json", "rgb.txt", "times.txt", "calib.txt",

@@ -9,10 +9,13 @@ namespace s3lam {
 namespace {
 
 using nlohmann::json;
+using testing::ExpectRefused;
 using testing::kBadInput;
 using testing::kClasses;
 using testing::kDone;
+using testing::RunProgramApart;
 using testing::RunTool;
+using testing::TempDir;
 
 class BadMasks : public testing::ModelTest {
  protected:
@@ -134,6 +137,25 @@ TEST_F(BadMasks, MissingClassTable) {
                             {"--model", model().string(), "--masks", masks().string(), "--classes",
                              "/nonexistent/classes.json"},
                             kBadInput, {"/nonexistent/classes.json"});
+}
+
+TEST_F(BadMasks, ClassTableOfAnUnknownName) {
+  ExpectRefusedWithoutTrace(
+      "s3-lift", {"--model", model().string(), "--masks", masks().string(), "--classes", "cooc"},
+      kBadInput, {"cooc: no such file", "configs/classes", "did you mean 'coco'?", "cityscapes"});
+}
+
+TEST_F(BadMasks, ClassTableByNameWhereNoneIsBesideTheProgram) {
+  const TempDir elsewhere;
+  std::filesystem::create_directories(elsewhere / "build" / "bin");
+  const auto program = elsewhere / "build" / "bin" / "s3-lift";
+  std::filesystem::copy_file(std::filesystem::path(S3LAM_TEST_BIN_DIR) / "s3-lift", program);
+  const auto result =
+      RunProgramApart({program.string(), "--quiet", "--model", model().string(), "--masks",
+                       masks().string(), "--classes", "coco", "--output", output().string()});
+  ExpectRefused(result, kBadInput,
+                {"coco: no such file", (elsewhere / "build/share/s3lam/configs").string(),
+                 (elsewhere / "configs").string(), "give a path"});
 }
 
 TEST_F(BadMasks, LenientSkipsAndCountsInEveryFormat) {
