@@ -332,6 +332,44 @@ TEST(RefineCameraHeight, AHandHeldCameraOverATableIsNotAVehicle) {
   EXPECT_FALSE(report.ground.reason.empty());
 }
 
+/// A drive that rises slowly above its road, seen too well for the road to bring it down.
+SyntheticMap MakeClimb() {
+  Scene scene = MakeScene("street", 1);
+  constexpr int kKnots = 60;
+  constexpr double kRiseM = 1.0;
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<Eigen::Vector3d> targets;
+  const double duration_s = scene.path.duration_s();
+  for (int i = 0; i < kKnots; ++i) {
+    const double part = i / (kKnots - 1.0);
+    const Rigid3 pose = scene.path.WorldFromCamera(part * duration_s);
+    positions.push_back(pose.translation + kRiseM * part * Eigen::Vector3d::UnitZ());
+    targets.push_back(positions.back() + pose.rotation * Eigen::Vector3d::UnitZ());
+  }
+  scene.path = CameraPath(positions, targets, duration_s, {}, 1);
+  SyntheticMapOptions options;
+  options.num_images = 40;
+  options.num_points = 4000;
+  options.pixel_sigma = 0.2;
+  return MakeSyntheticMap(scene, 1, options);
+}
+
+TEST(RefineCameraHeight, WhereTheMapContradictsItTheAdjustmentStartsAgainWithout) {
+  const Input input = MakeInput(MakeClimb());
+  Options options;
+  Output output;
+  const Report report = refine::Run(options, input, output);
+  EXPECT_GT(report.ground.num_planes, 2u);  // It was tried.
+  EXPECT_FALSE(report.ground.in_use);
+  EXPECT_NE(report.ground.reason.find("the map does not follow"), std::string::npos)
+      << report.ground.reason;
+  options.camera_height.mode = CameraHeightMode::kOff;
+  Output without;
+  refine::Run(options, input, without);
+  EXPECT_TRUE(SameBytes(output.model, without.model));
+  EXPECT_EQ(output.semantics.planes.size(), without.semantics.planes.size());
+}
+
 TEST(RefineBending, LongSurfacesOfBendingClassesAreCut) {
   const SyntheticMap map = MakeDrive();
   Options options;
