@@ -85,10 +85,11 @@ def measure_model(programs, model, work, arguments):
             times[name].append(timed(command))
             reached[name] = rms(folder)["rms_px"]
     start = rms(perturbed)
-    return [{"model": str(model), "images": start["images"], "observations": start["observations"],
-             "program": name, "wall_s": statistics.median(wall for wall, _ in runs),
-             "cpu_s": statistics.median(cpu for _, cpu in runs), "rms_px": reached[name]}
-            for name, runs in times.items()]
+    name = f"drive {model}" if isinstance(model, int) else f"{model.parent.name}/{model.name}"
+    return [{"model": name, "images": start["images"], "observations": start["observations"],
+             "program": program, "wall_s": statistics.median(wall for wall, _ in runs),
+             "cpu_s": statistics.median(cpu for _, cpu in runs), "rms_px": reached[program]}
+            for program, runs in times.items()]
 
 
 def main():

@@ -92,13 +92,17 @@ std::string FigureToHtml(const Figure& figure, int jpeg_quality) {
   return html + "</figure>\n";
 }
 
-std::string FiguresToHtml(const PageContent& content, const char* section, const char* title) {
+/// With `columns`, in a grid of so many; else as many in a row as fit.
+std::string FiguresToHtml(const PageContent& content, const char* section, const char* title,
+                          size_t columns = 0) {
   std::string figures;
   for (const Figure& figure : content.figures) {
     if (figure.section == section) figures += FigureToHtml(figure, content.jpeg_quality);
   }
   if (figures.empty()) return {};
-  return fmt::format("<h2>{}</h2>\n<div class=\"figures\">\n{}</div>\n", title, figures);
+  const std::string grid =
+      columns > 0 ? fmt::format(" grid\" style=\"--columns: {}", columns) : std::string();
+  return fmt::format("<h2>{}</h2>\n<div class=\"figures{}\">\n{}</div>\n", title, grid, figures);
 }
 
 void AppendScripts(const PageContent& content, std::string& html) {
@@ -136,8 +140,8 @@ std::string MakePage(const PageContent& content) {
   }
   html += TableToHtml(content.summary);
   html += kViewer;
-  html +=
-      FiguresToHtml(content, "map", "The map from the top, at three quarters and from the side");
+  html += FiguresToHtml(content, "map", "The map from the top, at three quarters and from the side",
+                        content.viewer.meta.at("arms").size());
   html += FiguresToHtml(content, "trajectory", "Trajectory");
   html += FiguresToHtml(content, "residuals", "Residuals");
   html += FiguresToHtml(content, "keyframes", "Keyframes");

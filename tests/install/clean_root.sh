@@ -52,7 +52,7 @@ inside sh -e -c '
   ls pictures
   s3-eval --estimate run/3_refine/frames.txt --ground-truth scene/groundtruth.txt
   zcat -f /usr/share/man/man1/s3-slam.1* | head -3
-  ls /usr/share/bash-completion/completions /usr/share/s3lam/configs/classes'
+  ls /usr/share/bash-completion/completions/s3-* /usr/share/s3lam/configs/classes'
 inside dpkg --remove s3lam > /dev/null
 if inside sh -c 'ls /usr/bin/s3-*' 2> /dev/null; then
   echo "clean_root.sh: programs are left after removing the package" >&2

@@ -285,8 +285,9 @@
     const p = arms[state.arm].position.subarray(3 * i, 3 * i + 3);
     const lines = ['point ' + ids[i] + ' at ' + vector(Array.from(p))];
     for (let k = 0; k < 3; ++k) {
-      if (topShare[3 * i + k] === 0) continue;
-      lines.push((topShare[3 * i + k] / 2.55).toFixed(0) + ' % ' +
+      const percent = Math.round(topShare[3 * i + k] / 2.55);
+      if (percent === 0) continue;
+      lines.push(percent + ' % ' +
                  meta.classes[topClass[3 * i + k]].name);
     }
     if (clusterOf[i] >= 0) {
