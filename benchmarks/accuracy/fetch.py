@@ -228,7 +228,7 @@ def main():
     parser.add_argument("--mirror", metavar="URL", help="download <URL>/<archive> instead")
     parser.add_argument("--keep-archives", action="store_true", help="after unpacking")
     parser.add_argument("--list", action="store_true", help="print the archives and exit")
-    arguments = parser.parse_args()
+    arguments = parser.parse_intermixed_args()  # Sequences may come last.
     known = {preset.name: preset for preset in presets.DATASETS[arguments.dataset]}
     for name in arguments.sequences:
         if name not in known:

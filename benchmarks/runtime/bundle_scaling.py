@@ -73,7 +73,7 @@ def plot(path, rows, over):
         return found
 
     svg_plot.write(path, over, {
-        "bundle adjustment to convergence: wall time [s]": curves("seconds"),
+        "bundle adjustment to convergence: CPU time [s]": curves("cpu_seconds"),
         "peak memory [MiB]": curves("peak_memory_mib")})
 
 

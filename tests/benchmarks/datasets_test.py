@@ -76,8 +76,8 @@ class TestWithFolder(unittest.TestCase):
                               text=True)
 
     def fetch_from(self, script, name):
-        run = self.run_fetch(script, name, "--from", self.folder / "there", "--to",
-                             self.folder / "data")
+        run = self.run_fetch(script, "--from", self.folder / "there", "--to", self.folder / "data",
+                             name)
         self.assertEqual(run.returncode, 0, run.stderr)
 
 
