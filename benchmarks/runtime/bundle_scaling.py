@@ -6,10 +6,14 @@ Markdown table; CSV with --csv FILE, curves with --plot FILE.svg, over the keyfr
 number of keyframes, over the points. "times plain" is the median of the rounds' ratios of the CPU time
 per iteration. Needs Python's standard library only.
 
+With --instructions, valgrind counts the instructions of an iteration on one thread instead, which other
+work on the machine does not change: for small drives, since that takes fifty times as long.
+
   cmake -S . -B build -DS3LAM_BENCHMARKS=ON && cmake --build build
   benchmarks/runtime/bundle_scaling.py --bin build/bin --repeat 3 --plot keyframes.svg
   benchmarks/runtime/bundle_scaling.py --bin build/bin --repeat 3 --plot points.svg \\
-    --keyframes 500 --points-per-keyframe 50 100 200 500 1000 2000
+    --keyframes 300 --points-per-keyframe 50 100 200 500 1000 2000
+  benchmarks/runtime/bundle_scaling.py --bin build/bin --instructions --keyframes 60 200
 
 The limits between the linear solvers in src/refine/schur_bundle.cc were found with
 --solvers dense sparse iterative, which runs the plain arm with each of them.
@@ -20,6 +24,7 @@ import csv
 import itertools
 import json
 import pathlib
+import re
 import statistics
 import subprocess
 
@@ -30,15 +35,19 @@ COLUMNS = ["keyframes", "points", "observations", "arm", "backend", "linear_solv
            "peak_memory_mib", "initial_cost", "final_cost", "converged"]
 
 
-def measure(program, size, arm, backend, solver, arguments):
+def drive(program, size, arm, threads, iterations):
+    """The command; with `iterations` it makes so many instead of stopping by the tolerance."""
     keyframes, points_per_keyframe = size
     command = [program, "--keyframes", str(keyframes), "--points-per-keyframe",
-               str(points_per_keyframe), "--arm", arm, "--json", "--quiet",
-               "--threads", str(arguments.threads), "--set", f"linear_solver={solver}",
-               "--set", f"backend={backend}"]
-    if arguments.iterations:
-        command += ["--set", f"max_iterations={arguments.iterations}",
-                    "--set", "function_tolerance=0"]
+               str(points_per_keyframe), "--arm", arm, "--json", "--quiet", "--threads", str(threads)]
+    if iterations:
+        command += ["--set", f"max_iterations={iterations}", "--set", "function_tolerance=0"]
+    return command
+
+
+def measure(program, size, arm, backend, solver, arguments):
+    command = drive(program, size, arm, arguments.threads, arguments.iterations)
+    command += ["--set", f"linear_solver={solver}", "--set", f"backend={backend}"]
     run = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
     row = json.loads(run.stdout) | {"backend": backend}
     row["cpu_seconds_per_iteration"] = row["cpu_seconds"] / max(1, row["iterations"])
@@ -62,6 +71,29 @@ def measure_size(size, arguments):
             for run, first in zip(runs, rounds))
         rows.append(row)
     return rows
+
+
+def instructions(program, size, arm):
+    """Millions of instructions in one iteration: the difference between few and many."""
+    counts = []
+    for iterations in (2, 12):
+        command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null",
+                   *drive(program, size, arm, 1, iterations)]
+        text = subprocess.run(command, check=True, stdout=subprocess.DEVNULL,
+                              stderr=subprocess.PIPE, text=True).stderr
+        counts.append(int(re.search(r"Collected : (\d+)", text).group(1)))
+    return (counts[1] - counts[0]) / 10e6
+
+
+def print_instructions(arguments, sizes):
+    print("| keyframes | points per keyframe | arm | instructions per iteration [10^6] "
+          "| times plain |\n|---|---|---|---|---|", flush=True)
+    for size in sizes:
+        plain = None
+        for arm in arguments.arms:
+            count = instructions(arguments.bin / "s3-drive", size, arm)
+            plain = plain or count
+            print(f"| {size[0]} | {size[1]} | {arm} | {count:.1f} | {count / plain:.2f} |", flush=True)
 
 
 def plot(path, rows, over):
@@ -95,12 +127,17 @@ def main():
                         help="measure drives of so many and more once only")
     parser.add_argument("--csv", type=pathlib.Path)
     parser.add_argument("--plot", type=pathlib.Path, metavar="SVG")
+    parser.add_argument("--instructions", action="store_true")
     arguments = parser.parse_args()
+    sizes = list(itertools.product(arguments.keyframes, arguments.points_per_keyframe))
+    if arguments.instructions:
+        print_instructions(arguments, sizes)
+        return
     rows = []
     print("| keyframes | points | observations | arm | solver | iterations | wall [s] | CPU [s] "
           "| CPU per iteration [s] | times plain | memory [MiB] |")
     print("|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
-    for size in itertools.product(arguments.keyframes, arguments.points_per_keyframe):
+    for size in sizes:
         for row in measure_size(size, arguments):
             rows.append(row)
             print(f"| {row['keyframes']} | {row['points']} | {row['observations']} | {row['arm']} "
