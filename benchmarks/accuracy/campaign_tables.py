@@ -242,7 +242,8 @@ def document(campaign, rows, missing, baselines, published, version):
         arm_table(campaign, summary, "segments_percent", 3))
     add("Normals of known planes, median error [deg].",
         arm_table(campaign, summary, "normal_deg", 2))
-    add("Normals of planes that are parallel in reality: largest / smallest / median angle [deg].",
+    add("Normals of planes that are parallel in reality (where that is not known: of all pairs less "
+        "than 45 deg apart): largest / smallest / median angle [deg].",
         angles_table(campaign, rows, published))
     add("Flatness: RMS distance of the points of a plane from the plane that fits them best, median "
         "of the planes.", arm_table(campaign, summary, "flatness", 5))

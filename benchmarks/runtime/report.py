@@ -69,7 +69,8 @@ def make_run(programs, keyframes, points_per_keyframe, folder):
     run(programs / "s3-lift", "--model", folder / "1_slam", "--masks", masks, "--classes",
         ROOT / "configs" / "classes" / "cityscapes.json", "--output", folder / "2_lift", *common)
     run(programs / "s3-refine", "--model", folder / "1_slam", "--semantics", folder / "2_lift",
-        "--output", folder / "3_refine", *common)
+        "--output", folder / "3_refine", "--set", "outer.max_iterations=1",
+        "--set", "solver.max_iterations=3", *common)
 
 
 def browse(page_file, screenshot):

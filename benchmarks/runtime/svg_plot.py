@@ -4,7 +4,7 @@ import html
 import math
 
 WIDTH, HEIGHT = 460, 340  # Of one panel [px].
-LEFT, RIGHT, TOP, BOTTOM = 58, 14, 36, 46
+LEFT, RIGHT, TOP, BOTTOM = 58, 30, 36, 46
 COLORS = ["#1f77b4", "#d95f02", "#2ca02c", "#7b3294"]
 STEPS = (1, 2, 5)
 
