@@ -42,8 +42,9 @@ nlohmann::json ToJson(const ErrorStatistics& statistics) {
 }
 
 std::string TableRow(std::string_view name, const ErrorStatistics& statistics) {
-  return fmt::format("{:<22}{:>12.6f}{:>12.6f}{:>12.6f}{:>12.6f}{:>12.6f}\n", name, statistics.rmse,
-                     statistics.mean, statistics.median, statistics.min, statistics.max);
+  return fmt::format("{:<22} {:>11.6f} {:>11.6f} {:>11.6f} {:>11.6f} {:>11.6f}\n", name,
+                     statistics.rmse, statistics.mean, statistics.median, statistics.min,
+                     statistics.max);
 }
 
 std::string TableHeader() {

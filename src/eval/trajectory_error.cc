@@ -252,13 +252,13 @@ std::string ToTable(const TrajectoryErrors& errors) {
     table += TableRow("RPE rot. [deg/unit]", errors.rpe_per_length.rotation_deg);
   }
   const auto axes = [](std::string_view name, const Eigen::Vector3d& v) {
-    return fmt::format("{:<22}{:>12.6f}{:>12.6f}{:>12.6f}\n", name, v.x(), v.y(), v.z());
+    return fmt::format("{:<22} {:>11.6f} {:>11.6f} {:>11.6f}\n", name, v.x(), v.y(), v.z());
   };
   table += "\n";
   table += axes("RMSE in x, y, z", errors.ate_rmse_per_axis);
   table += axes("in the camera's axes", errors.ate_rmse_in_camera);
-  table += fmt::format("{:<22}{:>12.6f}{:>12.6f}\n", "along, across the way", errors.ate_rmse_along,
-                       errors.ate_rmse_across);
+  table += fmt::format("{:<22} {:>11.6f} {:>11.6f}\n", "along, across the way",
+                       errors.ate_rmse_along, errors.ate_rmse_across);
   if (errors.segments.by_length.empty()) return table;
   table += "\n";
   table += ToTable(errors.segments);
