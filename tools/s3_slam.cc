@@ -130,7 +130,7 @@ void WriteModel(const slam::Model& model, const ImageSequence& sequence, bool wi
 std::filesystem::path CheckIgnoreMasks(const po::variables_map& arguments,
                                        const ImageSequence& sequence) {
   if (arguments.count("ignore-masks") == 0) return {};
-  const std::filesystem::path directory = arguments["ignore-masks"].as<std::string>();
+  std::filesystem::path directory = arguments["ignore-masks"].as<std::string>();
   const auto count = std::count_if(
       sequence.frames.begin(), sequence.frames.end(),
       [&](const SequenceFrame& frame) { return HasIgnoreMask(directory, frame.name); });
