@@ -186,7 +186,7 @@ void WriteResult(const Reconstruction& model, const LiftResult& result, const js
 
 MaskFormat ParseMaskFormat(const std::string& name) {
   const std::optional<MaskFormat> format = MaskFormatFromName(name);
-  if (!format) throw UsageError(fmt::format("--mask-format {}: unknown format", name));
+  if (!format) throw UsageError(fmt::format("--mask-format {}: unknown format (see --help)", name));
   return *format;
 }
 

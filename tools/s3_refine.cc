@@ -62,8 +62,9 @@ void ReadTrajectories(const fs::path& model, refine::Input& input) {
   }
   if (!fs::exists(model / "frames.txt")) return;
   if (input.image_times_s.empty()) {
-    ThrowInputError("{}: has frames.txt but no keyframes.txt to tell the images' times",
-                    model.string());
+    ThrowInputError(
+        "{}: has frames.txt but no keyframes.txt to tell the images' times: bring both or neither",
+        model.string());
   }
   input.frames = ReadTumTrajectory(model / "frames.txt");
   const fs::path observations = model / "observations.bin";

@@ -29,7 +29,9 @@ std::optional<int> ClassResolver::IndexOf(int64_t label, const std::string& wher
   }
   const std::optional<int> index = IndexInTable(table_, class_id);
   if (!index) {
-    ThrowInputError("{}: class {} is not in the class table '{}'", where, class_id, table_.name);
+    ThrowInputError("{}: class {} is not in the class table '{}'{}", where, class_id, table_.name,
+                    map_.IsIdentity() ? ": give the masks' own table, or --label-map"
+                                      : fmt::format(", which the label map {} names", map_.source));
   }
   return index;
 }

@@ -105,7 +105,8 @@ PanopticFrame DecodeDivided(const fs::path& path, const ClassResolver& classes, 
                             bool plain_below_divisor) {
   const IdImage image = ReadIdImage(path);
   if (image.minus_one == 255) {
-    ThrowInputError("{}: 8 bits where 16 are due", path.string());
+    ThrowInputError("{}: 8 bits a pixel where ids as class x {} + instance need 16", path.string(),
+                    divisor);
   }
   PanopticFrame frame{path.string(), {}, {}, {}};
   frame.segment_ids = SegmentsFromIds(image.ids, [&](int32_t id) {

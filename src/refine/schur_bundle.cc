@@ -253,7 +253,8 @@ bool CanSolveBySchur(const BundleProblem& problem) {
 BundleSolverReport SolveBundleBySchur(const BundleSolverOptions& options, BundleProblem& problem) {
   if (!CanSolveBySchur(problem)) {
     throw std::runtime_error(
-        "the Schur solver takes neither free camera parameters nor points exactly on planes");
+        "the Schur solver takes neither free camera parameters nor points exactly on planes: leave "
+        "solver.backend at auto");
   }
   if (options.max_iterations < 0 || !(options.function_tolerance >= 0.0)) {
     throw std::runtime_error(fmt::format(

@@ -123,7 +123,7 @@ TEST_F(MaskFormats, Cityscapes) {
 
 TEST_F(MaskFormats, CityscapesRefusesEightBitsAndUnknownLabels) {
   dir_.Write("b_instanceIds.png", Png8({7, 7}));
-  EXPECT_THAT(ReadError(MaskFormat::kCityscapes), HasSubstr("8 bits where 16 are due"));
+  EXPECT_THAT(ReadError(MaskFormat::kCityscapes), HasSubstr("8 bits a pixel where ids as class x 1000 + instance need 16"));
   dir_.Write("b_instanceIds.png", Png16({7, 27001}));
   EXPECT_THAT(ReadError(MaskFormat::kCityscapes), HasSubstr("class 27 is not in the class table"));
 }

@@ -89,7 +89,7 @@ Checkpoint::Checkpoint(fs::path directory, const Provenance& provenance, bool re
   DropFiles(IsUnfinished);
   const bool is_there = fs::exists(directory_ / kDescription);
   if (!is_there && !fs::is_empty(directory_)) {
-    ThrowInputError("{}: neither empty nor a checkpoint", directory_.string());
+    ThrowInputError("{}: neither empty nor a checkpoint: give another folder", directory_.string());
   }
   SignalWatch::SetAdvice(
       fmt::format("the same command with --resume goes on from {}", directory_.string()));
