@@ -29,6 +29,7 @@ ARMS = {
     "matching again (guided matching, new tracks, merging)": ["second_pass.rounds=0"],
     "sub-pixel refinement and longer tracks by patches": ["second_pass.patches.enabled=false"],
     "longer tracks by patches": ["second_pass.extend_tracks=false"],
+    "sub-pixel refinement of frames that are no keyframes": ["second_pass.align_frames=false"],
     "repeated adjustment and outlier removal": ["global_rounds=1"],
     "check against keyframes matched without the map": ["two_view_check.enabled=false"],
     "refinement of the distortion": ["self_calibration.enabled=false"],
@@ -51,7 +52,7 @@ def rows_of(results):
     for arm, runs in results.items():
         frames = ", ".join(dict.fromkeys(m["frames"] for m in runs))
         cpu_s = statistics.median(m["cpu_s"] for m in runs)
-        yield [arm, frames, tables.number(median[arm], 4),
+        yield [arm, frames, tables.metres(median[arm]),
                f"{100.0 * (median[arm] / default - 1.0):+.0f} %", tables.number(cpu_s, 1)]
 
 

@@ -7,6 +7,11 @@ def number(value, digits):
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+def metres(value):
+    """To a tenth of a millimetre, or to a hundredth where that is less than a millimetre."""
+    return number(value, 5 if value is not None and value < 0.001 else 4)
+
+
 def arrows(values):
     """The three arms in one cell."""
     texts = [number(value, 2) for value in values]
@@ -31,7 +36,7 @@ def accuracy_table(results):
             rows.append([result["sequence"], result["masks"] or "-",
                          f"{result['frames_localized']}/{result['frames']}", result["keyframes"],
                          result["points"], result.get("planes", "-"), reference,
-                         *(number(value, 4) for value in ate)])
+                         *(metres(value) for value in ate)])
     return markdown(header, rows)
 
 

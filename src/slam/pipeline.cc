@@ -221,7 +221,7 @@ std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& inpu
   const FrameLocalizer localizer(builder.tracker(), map, tracks, keyframe_of_frame);
   const int read_threads = input.concurrent_reads ? options.num_threads : 1;
   std::optional<PatchPass> pass;
-  if (options.second_pass.patches.enabled) {
+  if (options.second_pass.patches.enabled && options.second_pass.align_frames) {
     pass.emplace(options.second_pass, options.features, undistorter,
                  FrameImages{input.read_gray, {}}, read_threads, map);
   }

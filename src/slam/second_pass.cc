@@ -37,6 +37,8 @@ void SecondPassOptions::Visit(OptionVisitor& v) {
   v.Value("neighbours", neighbours, "keyframes that each is matched with", 1, 10000);
   v.Value("extend_tracks", extend_tracks,
           "look for points, by their patches, where no keypoint was detected");
+  v.Value("align_frames", align_frames,
+          "align what all frames see with the patches of the keyframes");
   v.Group("patches", patches, "alignment of observations to a fraction of a pixel");
 }
 
