@@ -4,7 +4,7 @@ import json
 import math
 import statistics
 
-# Up to this angle a fitted plane is taken for the true plane of the same class.
+# Up to this angle a fitted plane may be the true plane of the same class.
 MAX_MATCH_DEG = 20.0
 
 
@@ -19,38 +19,62 @@ def cross(a, b):
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b))
+
+
 def angle_deg(a, b):
     """Between the lines along two vectors, 0 to 90."""
-    dot = sum(x * y for x, y in zip(a, b)) / (math.hypot(*a) * math.hypot(*b))
+    cosine = dot(a, b) / (math.hypot(*a) * math.hypot(*b))
     # From the half chord: an arc cosine has no digits left near zero.
-    return math.degrees(2 * math.asin(min(1.0, math.sqrt(max(0.0, (1 - abs(dot)) / 2)))))
+    return math.degrees(2 * math.asin(min(1.0, math.sqrt(max(0.0, (1 - abs(cosine)) / 2)))))
+
+
+def true_plane(name, class_name, known, frame, parallel):
+    """A plane of objects.json, in one of its frames ("gt", "sfm")."""
+    centroid = known[f"centroid_{frame}"]
+    return {"name": name, "class": class_name, "normal": known[f"plane_{frame}"]["n"],
+            "centroid": centroid, "parallel": parallel,
+            "radius": max(math.dist(centroid, corner) for corner in known[f"polygon_{frame}"])}
 
 
 def read_planes(path, truth_from_estimate):
-    """Planes of semantics.json or planes.json, their normals in the frame of the ground truth."""
-    turn = truth_from_estimate["rotation_wxyz"]
-    return [{"class": plane["class"], "size": num_points(plane),
-             "normal": rotate(turn, plane["normal_in_world"])}
+    """Planes of semantics.json or planes.json in the frame of the ground truth."""
+    turn, scale = truth_from_estimate["rotation_wxyz"], truth_from_estimate["scale"]
+    shift = truth_from_estimate["translation"]
+    return [{"class": plane["class"],
+             "normal": rotate(turn, plane["normal_in_world"]),
+             "centroid": [scale * c + t for c, t in zip(rotate(turn, plane["centroid_in_world"]),
+                                                        shift)],
+             "axes": [rotate(turn, plane[f"axis_{axis}_in_world"]) for axis in "uv"],
+             "extent": [[scale * c for c in corner] for corner in plane["extent_uv"]]}
             for plane in json.loads(path.read_text())["planes"]]
 
 
-def num_points(plane):
-    """semantics.json lists the points of a plane, planes.json counts them."""
-    return len(plane["inliers"]) if "inliers" in plane else plane["points"]
+def distance(plane, point):
+    """Of a point from what was seen of a plane: from the box around its outline."""
+    offset = [a - b for a, b in zip(point, plane["centroid"])]
+    parts = [dot(plane["normal"], offset)]
+    for axis, along in zip(plane["axes"], zip(*plane["extent"])):
+        place = dot(axis, offset)
+        parts.append(max(min(along) - place, place - max(along), 0.0))
+    return math.hypot(*parts)
 
 
 def compare(planes, truth):
     """How far fitted planes are from the true ones.
 
-    `truth` has {name, class, normal, parallel}: planes with the same `parallel` are parallel in
-    reality. For every true plane, the largest fitted plane of its class that is near it is judged.
+    `truth` has {name, class, normal, centroid, radius, parallel}: planes with the same `parallel`
+    are parallel in reality. Every true plane is judged by the fitted one of its class and about its
+    direction that is nearest to its centroid, at most its radius away.
     """
     matched = {}
     for true_plane in truth:
-        near = [plane for plane in planes if plane["class"] == true_plane["class"] and
+        near = [(distance(plane, true_plane["centroid"]), index)
+                for index, plane in enumerate(planes) if plane["class"] == true_plane["class"] and
                 angle_deg(plane["normal"], true_plane["normal"]) <= MAX_MATCH_DEG]
-        if near:
-            matched[true_plane["name"]] = max(near, key=lambda plane: plane["size"])
+        if near and min(near)[0] <= true_plane["radius"]:
+            matched[true_plane["name"]] = planes[min(near)[1]]
     errors = {p["name"]: angle_deg(matched[p["name"]]["normal"], p["normal"])
               for p in truth if p["name"] in matched}
     return {"due": len(truth), "normal_errors_deg": errors,

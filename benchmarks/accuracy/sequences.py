@@ -37,14 +37,13 @@ def redkitchen(folder):
     names = class_names(CLASSES / "coco.json")
     horizontal = {"table_top", "floor_carpet", "worktop"}
     objects = json.loads((folder / "objects.json").read_text())["objects"]
-    planes = [{"name": o["name"], "class": names[o["category_id"]],
-               "normal": o["plane_sfm"]["n"],
-               "parallel": "horizontal" if o["name"] in horizontal else None}
-              for o in objects if o.get("plane_reliable")]
+    true_planes = [planes.true_plane(o["name"], names[o["category_id"]], o, "sfm",
+                                      "horizontal" if o["name"] in horizontal else None)
+                   for o in objects if o.get("plane_reliable")]
     return Sequence("redkitchen", folder,
                     [folder / "trajectory_colour_sfm.txt", folder / "groundtruth.txt"],
                     {"clean": folder / "panoptic_clean", "noisy": folder / "panoptic_noisy"},
-                    CLASSES / "coco.json", planes,
+                    CLASSES / "coco.json", true_planes,
                     known_planes=folder / "objects.json", frame="sfm")
 
 
@@ -81,8 +80,8 @@ def synthetic_sequence(name, folder):
         if group == len(directions):
             directions.append(normal)
         # Things may share a name; the id does not repeat.
-        true_planes.append({"name": f"{o['id']} {o['name']}", "class": names[o["category_id"]],
-                            "normal": normal, "parallel": group})
+        true_planes.append(planes.true_plane(f"{o['id']} {o['name']}", names[o["category_id"]], o,
+                                             "gt", group))
     clean = folder / ("panoptic" if kitti else "panoptic_clean")
     return Sequence(name, folder, [folder / "groundtruth.txt"],
                     {"clean": clean, "noisy": folder / "panoptic_noisy"}, classes, true_planes,
