@@ -64,4 +64,34 @@ inline double AlignedCenterError(const Reconstruction& model, const Reconstructi
   return std::sqrt(sum / static_cast<double>(a.size()));
 }
 
+inline Options WithMode(PlaneMode mode) {
+  Options options;
+  options.planes.mode = mode;
+  return options;
+}
+
+/// Camera centres of the images that `reference` has.
+inline std::vector<Eigen::Vector3d> Centers(const Reconstruction& model,
+                                            const Reconstruction& reference) {
+  std::vector<Eigen::Vector3d> centers;
+  for (const auto& [id, image] : reference.images) {
+    centers.push_back(model.images.at(id).cam_from_world.CenterInB());
+  }
+  return centers;
+}
+
+/// Poses and points, to the bit.
+inline bool SameBytes(const Reconstruction& a, const Reconstruction& b) {
+  if (a.points.size() != b.points.size() || a.images.size() != b.images.size()) return false;
+  for (const auto& [id, image] : a.images) {
+    const Rigid3& other = b.images.at(id).cam_from_world;
+    if (image.cam_from_world.rotation.coeffs() != other.rotation.coeffs()) return false;
+    if (image.cam_from_world.translation != other.translation) return false;
+  }
+  for (const auto& [id, point] : a.points) {
+    if (!b.points.contains(id) || point.xyz != b.points.at(id).xyz) return false;
+  }
+  return true;
+}
+
 }  // namespace s3lam::refine

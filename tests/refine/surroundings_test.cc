@@ -1,0 +1,207 @@
+// What holds between planes, and between them and the cameras.
+
+#include "s3lam/refine/pipeline.h"
+
+#include <gtest/gtest.h>
+
+#include "refine/refine_fixture.h"
+#include "s3lam/base/error.h"
+#include "s3lam/base/options_json.h"
+#include "s3lam/synthetic/synthetic_map.h"
+
+namespace s3lam::refine {
+namespace {
+
+/// A drive whose scale drifts slowly: each image sees only its neighbours' points.
+SyntheticMap MakeDrive() {
+  SyntheticMapOptions options;
+  options.num_images = 40;
+  options.num_points = 2000;
+  options.max_track_window = 2;
+  options.pixel_sigma = 1.5;
+  options.drift_scale = 0.01;
+  return MakeSyntheticMap("street", 1, options);
+}
+
+TEST(RefineCameraHeight, IsFoundAndMadeConstant) {
+  const SyntheticMap map = MakeDrive();
+  Output output;
+  const Report report = refine::Run(Options(), MakeInput(map), output);
+  ASSERT_TRUE(report.ground.in_use) << report.ground.reason;
+  EXPECT_GT(report.ground.num_planes, 2u);
+  EXPECT_LT(report.ground.spread_after, 0.01);
+  Output plain;
+  refine::Run(WithMode(PlaneMode::kOff), MakeInput(map), plain);
+  EXPECT_LT(AlignedCenterError(output.model, map.truth),
+            AlignedCenterError(plain.model, map.truth));
+}
+
+TEST(RefineCameraHeight, AKnownHeightMakesTheOutputMetric) {
+  const SyntheticMap map = MakeDrive();
+  Options options;
+  Output free;
+  const Report report = refine::Run(options, MakeInput(map), free);
+  options.camera_height.value = 3.0 * report.ground.height;
+  Output metric;
+  EXPECT_NEAR(refine::Run(options, MakeInput(map), metric).metres_per_unit, 3.0, 1e-9);
+  const auto a = Centers(free.model, map.truth);
+  const auto b = Centers(metric.model, map.truth);
+  for (size_t i = 0; i < a.size(); ++i) EXPECT_LT((3.0 * a[i] - b[i]).norm(), 1e-9);
+  CheckSemanticMap(metric.semantics, metric.model, "metric");
+  for (const auto& [id, plane] : metric.semantics.planes) {
+    const double distance = free.semantics.planes.at(id).plane_in_world.SignedDistance(a[0]);
+    EXPECT_NEAR(plane.plane_in_world.SignedDistance(b[0]), 3.0 * distance, 1e-7);
+  }
+}
+
+TEST(RefineCameraHeight, SwitchedOffOrWithoutItsClassItIsNotUsed) {
+  const SyntheticMap map = MakeDrive();
+  for (const char* assignment : {"camera_height.mode=off", "camera_height.class=no such class"}) {
+    Options options;
+    SetOption(assignment, options);
+    Output output;
+    EXPECT_FALSE(refine::Run(options, MakeInput(map), output).ground.in_use) << assignment;
+  }
+}
+
+TEST(RefineCameraHeight, AHandHeldCameraOverATableIsNotAVehicle) {
+  const SyntheticMap map = MakeDeskMap();
+  Options options;
+  options.camera_height.ground_class = "dining table";
+  Output output;
+  const Report report = refine::Run(options, MakeInput(map), output);
+  EXPECT_FALSE(report.ground.in_use);
+  EXPECT_FALSE(report.ground.reason.empty());
+}
+
+/// A drive that rises slowly above its road, seen too well for the road to bring it down.
+SyntheticMap MakeClimb() {
+  Scene scene = MakeScene("street", 1);
+  constexpr int kKnots = 60;
+  constexpr double kRiseM = 1.0;
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<Eigen::Vector3d> targets;
+  const double duration_s = scene.path.duration_s();
+  for (int i = 0; i < kKnots; ++i) {
+    const double part = i / (kKnots - 1.0);
+    const Rigid3 pose = scene.path.WorldFromCamera(part * duration_s);
+    positions.push_back(pose.translation + kRiseM * part * Eigen::Vector3d::UnitZ());
+    targets.push_back(positions.back() + pose.rotation * Eigen::Vector3d::UnitZ());
+  }
+  scene.path = CameraPath(positions, targets, duration_s, {}, 1);
+  SyntheticMapOptions options;
+  options.num_images = 40;
+  options.num_points = 4000;
+  options.pixel_sigma = 0.2;
+  return MakeSyntheticMap(scene, 1, options);
+}
+
+TEST(RefineCameraHeight, WhereTheMapContradictsItTheAdjustmentStartsAgainWithout) {
+  const Input input = MakeInput(MakeClimb());
+  Options options;
+  Output output;
+  const Report report = refine::Run(options, input, output);
+  EXPECT_GT(report.ground.num_planes, 2u);  // It was tried.
+  EXPECT_FALSE(report.ground.in_use);
+  EXPECT_NE(report.ground.reason.find("the map does not follow"), std::string::npos)
+      << report.ground.reason;
+  options.camera_height.mode = CameraHeightMode::kOff;
+  Output without;
+  refine::Run(options, input, without);
+  EXPECT_TRUE(SameBytes(output.model, without.model));
+  EXPECT_EQ(output.semantics.planes.size(), without.semantics.planes.size());
+}
+
+TEST(RefineBending, LongSurfacesOfBendingClassesAreCut) {
+  const SyntheticMap map = MakeDrive();
+  Options options;
+  options.camera_height.mode = CameraHeightMode::kOff;
+  Output cut;
+  const Report report = refine::Run(options, MakeInput(map), cut);
+  options.bending.classes.clear();
+  Output whole;
+  const Report whole_report = refine::Run(options, MakeInput(map), whole);
+  EXPECT_EQ(whole_report.planes.size(), map.semantics.planes.size());
+  EXPECT_GT(report.planes.size(), whole_report.planes.size());
+}
+
+TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
+  const SyntheticMap map = MakeDeskMap();
+  Options options;
+  Output with;
+  const Report report = refine::Run(options, MakeInput(map), with);
+  size_t enforced = 0;
+  for (const PlanePairReport& pair : report.pairs) {
+    if (!pair.enforced) continue;
+    ++enforced;
+    EXPECT_LT(pair.deviation_deg.back(), std::max(1.0, pair.deviation_deg.front()));
+  }
+  EXPECT_GT(enforced, 0u);
+  options.relations.enabled = false;
+  Output without;
+  for (const PlanePairReport& pair : refine::Run(options, MakeInput(map), without).pairs) {
+    EXPECT_FALSE(pair.enforced);
+  }
+}
+
+/// The two largest parallel planes of the map whose distance is not small.
+std::pair<PlaneId, PlaneId> ParallelPair(const SyntheticMap& map) {
+  std::pair<PlaneId, PlaneId> best;
+  size_t most = 0;
+  for (const auto& [a, surface_a] : map.semantics.planes) {
+    for (const auto& [b, surface_b] : map.semantics.planes) {
+      const Plane& plane_a = map.true_planes.at(a);
+      const Plane& plane_b = map.true_planes.at(b);
+      if (b <= a || PlaneAngle(plane_a, plane_b) > 1e-6) continue;
+      if (std::abs(StepBetween(plane_a, plane_b, Eigen::Vector3d::Zero())) < 0.1) continue;
+      const size_t points = std::min(surface_a.inliers.size(), surface_b.inliers.size());
+      if (points <= most) continue;
+      most = points;
+      best = {a, b};
+    }
+  }
+  return best;
+}
+
+TEST(RefineRelations, PlanesKeepTheDistanceThatIsKnown) {
+  const SyntheticMap map = MakeDeskMap();
+  const auto [a, b] = ParallelPair(map);
+  ASSERT_TRUE(a.valid());
+  const double truth =
+      std::abs(StepBetween(map.true_planes.at(a), map.true_planes.at(b), Eigen::Vector3d::Zero()));
+  for (const double factor : {1.0, 1.02}) {  // What is said is done, true or not.
+    Input input = MakeInput(map);
+    input.constraints.plane_distances = {{a, b, factor * truth, 1e-5 * truth}};
+    Output output;
+    const Report report = refine::Run(Options(), input, output);
+    ASSERT_EQ(report.distances.size(), 1u);
+    EXPECT_EQ(report.distances[0].known, factor * truth);
+    ASSERT_EQ(report.distances[0].measured.size(), report.arms.size());
+    const Plane& plane_a = output.semantics.planes.at(a).plane_in_world;
+    const Plane& plane_b = output.semantics.planes.at(b).plane_in_world;
+    EXPECT_NEAR(report.distances[0].measured.back(), factor * truth, 0.01 * truth);
+    EXPECT_LT(PlaneAngle(plane_a, plane_b), 0.01);
+  }
+}
+
+TEST(RefineRelations, DistancesOfPlanesThatCannotHaveOneAreRefused) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
+  Output output;
+  input.constraints.plane_distances = {{PlaneId(0), PlaneId(987), 1.0, 0.01}};
+  EXPECT_THROW(refine::Run(Options(), input, output), InputError);
+  for (const auto& [a, plane_a] : map.true_planes) {
+    for (const auto& [b, plane_b] : map.true_planes) {
+      if (PlaneAngle(plane_a, plane_b) < 1.0) continue;
+      input.constraints.plane_distances = {{a, b, 1.0, 0.01}};
+      EXPECT_THROW(refine::Run(Options(), input, output), InputError);
+      return;
+    }
+  }
+  FAIL() << "no planes at an angle";
+}
+
+// ---- degenerate input: a clear error or a sound result ----
+
+}  // namespace
+}  // namespace s3lam::refine
