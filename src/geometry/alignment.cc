@@ -26,7 +26,7 @@ std::optional<Similarity3> AlignPoints(std::span<const Eigen::Vector3d> points_i
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(covariance,
                                               Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d singular = svd.singularValues();
+  const Eigen::Vector3d& singular = svd.singularValues();
   if (!singular.allFinite() || singular[1] <= 1e-12 * singular[0] || singular[0] <= 0.0) {
     return std::nullopt;
   }

@@ -73,10 +73,10 @@ class DataStream {
     uint8_t nothing = 0;
     stream_.next_out = &nothing;
     stream_.avail_out = 1;
-    while (!is_finished_) {
-      if (!Inflate() || stream_.avail_out == 0) return false;
-    }
-    return true;
+    bool sound = true;
+    while (sound && !is_finished_) sound = Inflate() && stream_.avail_out > 0;
+    stream_.next_out = nullptr;
+    return sound;
   }
 
  private:

@@ -21,6 +21,7 @@ IdMatrix FromItems(const NpyArray& array, const std::string& source) {
     Item item;
     std::memcpy(&item, array.data() + static_cast<size_t>(i) * sizeof(Item), sizeof(Item));
     if (!std::in_range<int32_t>(item)) ThrowInputError("{}: id {} is out of range", source, item);
+    // Ids of int8 are numbers, and may be negative. NOLINTNEXTLINE(bugprone-signed-char-misuse)
     ids.data()[i] = static_cast<int32_t>(item);
   }
   return ids;

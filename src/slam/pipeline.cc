@@ -288,6 +288,33 @@ void AddFrames(const Undistorter& undistorter, const Map& map, int model,
   for (const int k : map.AliveKeyframes()) report.frames[map.keyframe(k).frame].is_keyframe = true;
 }
 
+/// The models of all maps, and the report.
+Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>& localized,
+                  const std::vector<std::vector<double>>& contradictions, RunState& state) {
+  Result result;
+  Report& report = state.report;
+  const Submaps& maps = state.maps;
+  report.num_frames = static_cast<int>(state.frames.size());
+  report.frames.resize(state.frames.size());
+  for (size_t m = 0; m < maps.size(); ++m) {
+    const Map& map = maps[m]->map();
+    result.models.push_back(Export(input, state.undistorter.camera(), map, localized[m]));
+    report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
+    report.maps[m].loops = std::move(state.loops[m]);
+    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], contradictions[m], report);
+  }
+  if (report.focal && !report.focal->IsDetermined()) {
+    spdlog::warn(
+        "the motion does not determine the focal length (sigma {:.1f} of {:.1f} px): it is little "
+        "more than a guess, and the map may be distorted; give the camera's calibration",
+        report.focal->Sigma(), report.focal->refined);
+  }
+  report.stretches = FindStretches(report.frames);
+  report.stops = FindStops(ViewsOf(maps, localized), state.undistorter.camera().FocalX());
+  result.report = std::move(report);
+  return result;
+}
+
 }  // namespace
 
 void Options::Visit(OptionVisitor& v) {
@@ -398,27 +425,7 @@ Result Run(const Options& given, const Input& input) {
     }
   }
   const ScopedStep step(seconds, "export");
-  Result result;
-  Report& report = state.report;
-  report.num_frames = static_cast<int>(state.frames.size());
-  report.frames.resize(state.frames.size());
-  for (size_t m = 0; m < maps.size(); ++m) {
-    const Map& map = maps[m]->map();
-    result.models.push_back(Export(input, state.undistorter.camera(), map, localized[m]));
-    report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
-    report.maps[m].loops = std::move(state.loops[m]);
-    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], contradictions[m], report);
-  }
-  if (report.focal && !report.focal->IsDetermined()) {
-    spdlog::warn(
-        "the motion does not determine the focal length (sigma {:.1f} of {:.1f} px): it is little "
-        "more than a guess, and the map may be distorted; give the camera's calibration",
-        report.focal->Sigma(), report.focal->refined);
-  }
-  report.stretches = FindStretches(report.frames);
-  report.stops = FindStops(ViewsOf(maps, localized), state.undistorter.camera().FocalX());
-  result.report = std::move(report);
-  return result;
+  return MakeResult(input, localized, contradictions, state);
 }
 
 }  // namespace s3lam::slam
