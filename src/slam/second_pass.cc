@@ -1,7 +1,10 @@
 #include "s3lam/slam/second_pass.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
+#include "s3lam/base/memory.h"
 #include "s3lam/base/parallel.h"
 
 namespace s3lam {
@@ -17,6 +20,16 @@ size_t ReferenceOf(const Map& map, const MapPoint& point) {
     if (map.features(o.keyframe).descriptor(o.keypoint) == point.descriptor) return i;
   }
   return 0;
+}
+
+/// Every level is smaller than the one below by the scale factor along both sides.
+void RequireMemoryForPyramids(size_t count, const Camera& camera, double scale_factor) {
+  const double pixels = static_cast<double>(camera.width) * static_cast<double>(camera.height) /
+                        (1.0 - 1.0 / (scale_factor * scale_factor));
+  RequireMemory(static_cast<uint64_t>(static_cast<double>(count) * pixels),
+                fmt::format("holding the images of {} keyframes, to align patches "
+                            "(second_pass.patches.enabled=false does without),",
+                            count));
 }
 
 /// Is the keypoint among those that the grid knows (the ones just added are not looked at)?
@@ -88,6 +101,8 @@ PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& fea
       refiner_(options.patches, feature_options, undistorter),
       pyramids_(static_cast<size_t>(map.num_keyframes())),
       masks_(pyramids_.size()) {
+  RequireMemoryForPyramids(map.AliveKeyframes().size(), undistorter.camera(),
+                           feature_options.scale_factor);
   ParallelFor(pyramids_.size(), num_threads, [&](size_t k) {
     const Keyframe& keyframe = map.keyframe(static_cast<int>(k));
     if (!keyframe.alive) return;
