@@ -17,6 +17,7 @@ namespace {
 /// A pixel of the border must come back from its ray to within this [px].
 constexpr double kRoundTrip = 0.01;
 constexpr int kBorderSteps = 8;
+constexpr size_t kMaxChecked = 5;  // Cameras, each of which takes about a second.
 
 /// One problem camera for all of a model and size; the others are left without poses.
 void ShareCameras(BundleMap& map) {
@@ -54,6 +55,21 @@ std::vector<CameraUse> UseOfCameras(const BundleProblem& problem) {
 bool TooFew(const IntrinsicsOptions& options, const CameraUse& use) {
   return static_cast<int>(use.poses.size()) < options.min_images ||
          use.observations < options.min_observations;
+}
+
+/// Ascending, of those that enough was taken with.
+std::vector<size_t> MostUsedCameras(const IntrinsicsOptions& options,
+                                    const BundleProblem& problem) {
+  const std::vector<CameraUse> use = UseOfCameras(problem);
+  std::vector<size_t> cameras;
+  for (size_t c = 0; c < use.size(); ++c) {
+    if (!TooFew(options, use[c])) cameras.push_back(c);
+  }
+  std::stable_sort(cameras.begin(), cameras.end(),
+                   [&](size_t a, size_t b) { return use[a].observations > use[b].observations; });
+  cameras.resize(std::min(cameras.size(), kMaxChecked));
+  std::sort(cameras.begin(), cameras.end());
+  return cameras;
 }
 
 /// What one camera saw.
@@ -176,18 +192,18 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, B
 
 std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, double sigma_px,
                                               const BundleMap& map) {
-  const std::vector<CameraUse> use = UseOfCameras(map.problem);
   std::vector<IntrinsicsReport> reports;
-  for (size_t c = 0; c < use.size(); ++c) {
-    if (TooFew(options, use[c])) continue;
+  for (const size_t c : MostUsedCameras(options, map.problem)) {
     const Camera& camera = map.problem.cameras[c];
     IntrinsicsReport report;
     report.cameras = map.camera_ids[c];
     report.model = report.model_after = CameraModelName(camera.model);
     report.before = report.after = camera.params;
-    report.distortion_cost_share =
-        RefineDistortion({}, camera, ProblemOfCamera(map.problem, c, sigma_px)).cost_decrease;
-    if (report.distortion_cost_share >= kNotableDistortionShare) {
+    const SelfCalibrationReport refined =
+        RefineDistortion({}, camera, ProblemOfCamera(map.problem, c, sigma_px));
+    report.distortion_cost_share = refined.cost_decrease;
+    report.distortion_is_doubtful = refined.accepted;
+    if (report.distortion_is_doubtful) {
       spdlog::warn(
           "camera {}: another lens distortion would remove {:.0f} % of the reprojection cost, and "
           "a wrong one bends maps and makes their scale drift: try --set "

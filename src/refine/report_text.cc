@@ -141,7 +141,7 @@ std::string Describe(const IntrinsicsReport& camera) {
     return fmt::format("{:.6g} -> {}{:.6g}", fmt::join(camera.before, " "), model,
                        fmt::join(camera.after, " "));
   }
-  if (camera.distortion_cost_share >= kNotableDistortionShare) {
+  if (camera.distortion_is_doubtful) {
     return fmt::format("kept, but another lens distortion would remove {:.0f} % of the cost",
                        100.0 * camera.distortion_cost_share);
   }

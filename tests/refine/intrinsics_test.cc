@@ -161,7 +161,8 @@ TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
   Output kept;
   const Report told = refine::Run(MakeOptions({"planes.mode=off"}), input, kept);
   ASSERT_EQ(told.cameras.size(), 1u);
-  EXPECT_GT(told.cameras[0].distortion_cost_share, kNotableDistortionShare);
+  EXPECT_TRUE(told.cameras[0].distortion_is_doubtful);
+  EXPECT_GT(told.cameras[0].distortion_cost_share, 0.1);
   EXPECT_FALSE(told.cameras[0].refined);
   EXPECT_EQ(kept.model.cameras.begin()->second.model, CameraModel::kPinhole);
   EXPECT_NE(ToTable(told).find("another lens distortion"), std::string::npos);
@@ -184,7 +185,7 @@ TEST(RefineIntrinsics, ARightDistortionIsNotSpokenOf) {
   Output output;
   const Report report = refine::Run(MakeOptions({"planes.mode=off"}), MakeInput(map), output);
   ASSERT_EQ(report.cameras.size(), 1u);
-  EXPECT_LT(report.cameras[0].distortion_cost_share, kNotableDistortionShare);
+  EXPECT_FALSE(report.cameras[0].distortion_is_doubtful);
   EXPECT_EQ(ToTable(report).find("distortion"), std::string::npos);
   const Report unchecked =
       refine::Run(MakeOptions({"planes.mode=off", "intrinsics.check_distortion=false"}),

@@ -223,7 +223,8 @@ TEST(MergeSeenApart, JoinsTheSidesOfOneThing) {
 
 TEST(MergeSeenApart, KeepsWhatAnImageShowsApartOrIsElsewhereOrNoThing) {
   CupFromTwoSides seen_together;
-  seen_together.clusters[1].segments.push_back({ImageId(2), 8});
+  auto& segments = seen_together.clusters[1].segments;
+  segments.insert(segments.begin(), {ImageId(2), 8});
   EXPECT_EQ(seen_together.Merge(), 0);
   EXPECT_EQ(CupFromTwoSides(0.12).Merge(), 0);
   CupFromTwoSides stuff;

@@ -34,15 +34,13 @@ struct IntrinsicsReport {
   std::string reason;  // Why not, if it was asked for.
   /// Share of the reprojection cost that a refined lens distortion would remove; 0 if not checked.
   double distortion_cost_share = 0.0;
+  bool distortion_is_doubtful = false;  // That share is notable.
   std::vector<double> before;
   std::vector<double> after;
 };
 
 /// Indices of the parameters of a camera model that the options ask for.
 std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel model);
-
-/// A share of the cost that is worth telling of.
-inline constexpr double kNotableDistortionShare = 0.04;
 
 /// If `shared`, lets all cameras of one model and image size be one, which starts from the first
 /// one's parameters; frees the parameters asked for, of which a pinhole camera gets those of
@@ -51,9 +49,10 @@ inline constexpr double kNotableDistortionShare = 0.04;
 /// options that the map does not have.
 std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map);
 
-/// How much of the reprojection cost of an adjusted map a refined lens distortion would remove, of
-/// every camera that enough images and observations in use see, see RefineDistortion. What a wrong
-/// distortion does to a map (it bends, and its scale drifts) is not told by its residuals' size.
+/// How much of the reprojection cost of an adjusted map a refined lens distortion would remove, see
+/// RefineDistortion, of the five cameras with the most observations in use, if enough images and
+/// observations see them. What a wrong distortion does to a map (it bends, and its scale drifts) is
+/// not told by its residuals' size.
 std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, double sigma_px,
                                               const BundleMap& map);
 

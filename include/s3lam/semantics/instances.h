@@ -47,7 +47,7 @@ struct ConsensusOptions {
 /// often part of what surrounds it), points that they put elsewhere against it; two segments of one
 /// frame speak against each other with all their points. The objects are the parts of that signed
 /// graph, found by joining the most agreed pair again and again, votes adding up. So a segment that
-/// merges two objects, splits one or misses one is outvoted. Their order does not matter, but that
+/// merges two objects, splits one or misses one is outvoted. The order of frames does not matter, but that
 /// runs of `window` frames are joined among themselves before all are. (View consensus as in
 /// MaskClustering, CVPR 2024, with point tracks in place of depth, and correlation clustering in
 /// place of thresholds.)

@@ -35,8 +35,8 @@ int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature
 /// again, both ways, points that are the same merged, and what is still free triangulated.
 void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map);
 
-/// Works on the images of the keyframes, which it holds in memory: a pyramid each. Needs the
-/// normals of points, which RefineObservations estimates, after that.
+/// Works on the images of the keyframes, which it holds in memory: a pyramid each.
+/// RefineObservations comes first: it estimates the normals of points, which the others need.
 class PatchPass {
  public:
   PatchPass(const SecondPassOptions& options, const FeatureOptions& feature_options,
