@@ -27,7 +27,7 @@ configure_package_config_file(cmake/s3lamConfig.cmake.in ${PROJECT_BINARY_DIR}/s
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/s3lamConfigVersion.cmake
   COMPATIBILITY SameMinorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/s3lamConfig.cmake ${PROJECT_BINARY_DIR}/s3lamConfigVersion.cmake
-  DESTINATION ${package_dir} COMPONENT dev)
+  cmake/Findlibdeflate.cmake DESTINATION ${package_dir} COMPONENT dev)
 install(FILES LICENSE DESTINATION ${documents}/s3lam-dev RENAME copyright COMPONENT dev)
 
 set(CPACK_GENERATOR DEB)
@@ -46,6 +46,6 @@ set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS colmap)
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME s3lam-dev)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "s3lam (= ${PROJECT_VERSION}), libceres-dev, libopencv-dev, \
-libeigen3-dev, nlohmann-json3-dev, libspdlog-dev, libfmt-dev, zlib1g-dev, libsqlite3-dev")
+libeigen3-dev, nlohmann-json3-dev, libspdlog-dev, libfmt-dev, libdeflate-dev, libsqlite3-dev")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "Headers, static libraries and CMake package of s3lam.")
 include(CPack)

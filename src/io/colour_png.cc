@@ -1,14 +1,14 @@
 #include "colour_png.h"
 
-#include <zlib.h>
+#include <libdeflate.h>
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
-#include <utility>
+#include <string>
 #include <vector>
 
+#include "inflate.h"
 #include "png_mask.h"
 
 namespace s3lam {
@@ -27,7 +27,7 @@ std::optional<PngHeader> ReadHeader(std::string_view bytes) {
   const auto chunk = FindPngChunk(bytes, "IHDR");
   if (!chunk || chunk->size() != 13 || chunk->substr(8) != kKind) return std::nullopt;
   const char* begin = chunk->data() - 4;  // The checksum is over the type as well.
-  const auto checksum = crc32(0, reinterpret_cast<const Bytef*>(begin), 17);
+  const uint32_t checksum = libdeflate_crc32(0, begin, 17);
   const PngHeader header{ReadBigEndian32(*chunk, 0), ReadBigEndian32(*chunk, 4)};
   if (ReadBigEndian32({chunk->data() + 13, 4}, 0) != checksum) return std::nullopt;
   const bool is_sane = header.width > 0 && header.width <= kMaxSide && header.height > 0 &&
@@ -35,71 +35,15 @@ std::optional<PngHeader> ReadHeader(std::string_view bytes) {
   return is_sane ? std::optional(header) : std::nullopt;
 }
 
-/// Inflates the image data of a file piece by piece.
-class DataStream {
- public:
-  explicit DataStream(std::string_view png) {
-    ForEachPngChunk(png, [&](std::string_view type, std::string_view data) {
-      if (type == "IDAT") chunks_.push_back(data);
-      return type != "IEND";
-    });
-    is_open_ = inflateInit(&stream_) == Z_OK;
-  }
-  ~DataStream() {
-    if (is_open_) inflateEnd(&stream_);
-  }
-  DataStream(const DataStream&) = delete;
-  DataStream& operator=(const DataStream&) = delete;
-
-  /// Bytes of compressed data.
-  [[nodiscard]] size_t size() const {
-    size_t sum = 0;
-    for (const std::string_view chunk : chunks_) sum += chunk.size();
-    return sum;
-  }
-
-  /// Fills the buffer; false if the data are damaged or end before.
-  bool Read(std::vector<uint8_t>& buffer) {
-    stream_.next_out = buffer.data();
-    stream_.avail_out = static_cast<uInt>(buffer.size());
-    while (stream_.avail_out > 0) {
-      if (!Inflate()) return false;
-    }
-    return true;
-  }
-
-  /// True if nothing comes any more and the checksum fits.
-  bool Finish() {
-    uint8_t nothing = 0;
-    stream_.next_out = &nothing;
-    stream_.avail_out = 1;
-    bool sound = true;
-    while (sound && !is_finished_) sound = Inflate() && stream_.avail_out > 0;
-    stream_.next_out = nullptr;
-    return sound;
-  }
-
- private:
-  bool Inflate() {
-    if (!is_open_ || is_finished_) return false;
-    if (stream_.avail_in == 0 && next_chunk_ < chunks_.size()) {
-      const std::string_view chunk = chunks_[next_chunk_++];
-      // zlib only reads its input, but has no constant form.
-      stream_.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(chunk.data()));
-      stream_.avail_in = static_cast<uInt>(chunk.size());
-    }
-    const int result = inflate(&stream_, Z_NO_FLUSH);
-    is_finished_ = result == Z_STREAM_END;
-    return is_finished_ || result == Z_OK ||
-           (result == Z_BUF_ERROR && next_chunk_ < chunks_.size());
-  }
-
-  std::vector<std::string_view> chunks_;
-  size_t next_chunk_ = 0;
-  z_stream stream_{};
-  bool is_open_ = false;
-  bool is_finished_ = false;
-};
+/// The compressed image data of a file, which may come in many chunks.
+std::string ImageDataOf(std::string_view png) {
+  std::string data;
+  ForEachPngChunk(png, [&](std::string_view type, std::string_view chunk) {
+    if (type == "IDAT") data += chunk;
+    return type != "IEND";
+  });
+  return data;
+}
 
 /// A pixel's three bytes in one word, the first one lowest.
 uint32_t LoadPixel(const uint8_t* bytes) {
@@ -172,31 +116,24 @@ bool UnfilterRow(const uint8_t* bytes, const uint32_t* above, Eigen::Index width
 }  // namespace
 
 std::optional<SegmentImage> DecodeColourPng(std::string_view bytes) {
-  constexpr size_t kMaxInflation = 1032;  // Of deflate.
-  constexpr size_t kBlockBytes = size_t{1} << 16;
   const auto header = ReadHeader(bytes);
   if (!header) return std::nullopt;
   const Eigen::Index width = header->width;
   const size_t bytes_per_row = 1 + 3 * size_t{header->width};
-  DataStream data(bytes);
-  if (header->height * bytes_per_row > kMaxInflation * data.size()) return std::nullopt;
+  const auto rows = Inflate(ImageDataOf(bytes), header->height * bytes_per_row, Wrapping::kZlib);
+  if (!rows) return std::nullopt;
   SegmentImage pixels(header->height, width);
   const std::vector<uint32_t> zeros(header->width, 0);
   const uint32_t* above = zeros.data();
-  std::vector<uint8_t> block;  // Rows that lie in the cache, and enough of them for zlib.
-  const auto max_rows = static_cast<Eigen::Index>(1 + kBlockBytes / bytes_per_row);
-  for (Eigen::Index begin = 0; begin < pixels.rows(); begin += max_rows) {
-    const Eigen::Index rows = std::min(max_rows, pixels.rows() - begin);
-    block.resize(static_cast<size_t>(rows) * bytes_per_row);
-    if (!data.Read(block)) return std::nullopt;
-    for (Eigen::Index i = 0; i < rows; ++i) {
-      uint32_t* row = pixels.data() + (begin + i) * width;
-      const uint8_t* source = block.data() + static_cast<size_t>(i) * bytes_per_row;
-      if (!UnfilterRow(source, above, width, row)) return std::nullopt;
-      above = row;
+  const char* source = rows->data();
+  for (Eigen::Index y = 0; y < pixels.rows(); ++y, source += bytes_per_row) {
+    uint32_t* row = pixels.data() + y * width;
+    if (!UnfilterRow(reinterpret_cast<const uint8_t*>(source), above, width, row)) {
+      return std::nullopt;
     }
+    above = row;
   }
-  return data.Finish() ? std::optional(std::move(pixels)) : std::nullopt;
+  return pixels;
 }
 
 }  // namespace s3lam

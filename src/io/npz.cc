@@ -1,9 +1,10 @@
-#include <zlib.h>
+#include <libdeflate.h>
 
 #include <algorithm>
 #include <limits>
 #include <string_view>
 
+#include "inflate.h"
 #include "npy_array.h"
 #include "s3lam/base/error.h"
 
@@ -66,13 +67,12 @@ class Archive {
     if (entry.method == 0) {
       content = packed;
     } else if (entry.method == 8) {
-      content = Inflate(packed, entry);
+      content = Inflate(packed, entry.size, Wrapping::kNone).value_or("");
     } else {
       ThrowInputError("{}: {} is compressed by method {} (wanted deflate)", source_, entry.name,
                       entry.method);
     }
-    const uLong checksum =
-        crc32_z(0, reinterpret_cast<const Bytef*>(content.data()), content.size());
+    const uint32_t checksum = libdeflate_crc32(0, content.data(), content.size());
     if (content.size() != entry.size || checksum != entry.checksum) {
       ThrowInputError("{}: {} is damaged", source_, entry.name);
     }
@@ -94,25 +94,6 @@ class Archive {
     if (!fits || bytes_.compare(at, signature.size(), signature) != 0) {
       ThrowInputError("{}: .npz archive is cut short or damaged", source_);
     }
-  }
-
-  [[nodiscard]] std::string Inflate(std::string_view packed, const Entry& entry) const {
-    // Deflate packs at most 1032 : 1, so a lie about the size cannot ask for any memory.
-    if (entry.size / 1032 > packed.size() + 1) {
-      ThrowInputError("{}: {} is damaged", source_, entry.name);
-    }
-    std::string content(entry.size, '\0');
-    z_stream stream{};
-    if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) throw std::runtime_error("zlib: no memory");
-    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));  // Only read.
-    stream.avail_in = static_cast<uInt>(packed.size());
-    stream.next_out = reinterpret_cast<Bytef*>(content.data());
-    stream.avail_out = static_cast<uInt>(content.size());
-    const int result = inflate(&stream, Z_FINISH);
-    inflateEnd(&stream);
-    if (result != Z_STREAM_END) ThrowInputError("{}: {} is damaged", source_, entry.name);
-    content.resize(stream.total_out);
-    return content;
   }
 
   const std::string& bytes_;

@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <zlib.h>
+#include <libdeflate.h>
 
 #include <algorithm>
 #include <array>
@@ -42,15 +42,14 @@ std::string HashOfFile(const fs::path& path) {
 
 /// Several times quicker than a hash, and enough to notice that a file was changed. Of nothing for
 /// what cannot be read: whoever needs it says so.
-unsigned long ChecksumOfFile(const fs::path& path) {
-  unsigned long checksum = crc32_z(0, nullptr, 0);
+uint32_t ChecksumOfFile(const fs::path& path) {
+  uint32_t checksum = libdeflate_crc32(0, nullptr, 0);
   try {
     ReadBlocks(path, [&](std::string_view block) {
-      checksum =
-          crc32_z(checksum, reinterpret_cast<const unsigned char*>(block.data()), block.size());
+      checksum = libdeflate_crc32(checksum, block.data(), block.size());
     });
   } catch (const InputError&) {
-    return crc32_z(0, nullptr, 0);
+    return libdeflate_crc32(0, nullptr, 0);
   }
   return checksum;
 }
@@ -87,7 +86,7 @@ void Provenance::AddFiles(const std::string& input, const fs::path& folder,
 
 void Provenance::AddListing(const std::string& input, const fs::path& folder,
                             const std::vector<fs::path>& files) {
-  std::vector<unsigned long> checksums(files.size());
+  std::vector<uint32_t> checksums(files.size());
   ParallelFor(files.size(), num_threads_,
               [&](size_t i) { checksums[i] = ChecksumOfFile(files[i]); });
   Sha256 hash;
