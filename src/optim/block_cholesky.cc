@@ -5,6 +5,7 @@
 #include <Eigen/SparseCholesky>
 
 #include "s3lam/base/error.h"
+#include "single_thread_scope.h"
 
 #ifdef S3LAM_WITH_CHOLMOD
 #include <cholmod.h>
@@ -95,6 +96,7 @@ class SparseCholesky : public BlockCholesky {
     common_.method[0].ordering = CHOLMOD_GIVEN;
     common_.postorder = 1;
     common_.final_ll = 1;  // Not L D L^T, which takes indefinite matrices too.
+    const internal::SingleThreadScope single_thread;
     cholmod_sparse matrix = View(pattern);
     std::vector<int> order = OrderOfElimination(pattern);
     factor_ = cholmod_analyze_p(&matrix, order.data(), nullptr, 0, &common_);
@@ -110,6 +112,7 @@ class SparseCholesky : public BlockCholesky {
   }
 
   bool Solve(const BlockMatrix& matrix, const Eigen::VectorXd& right, Eigen::VectorXd& x) override {
+    const internal::SingleThreadScope single_thread;
     cholmod_sparse view = View(matrix);
     if (cholmod_factorize(&view, factor_, &common_) == 0) return false;
     if (common_.status != CHOLMOD_OK || factor_->minor < factor_->n) return false;
