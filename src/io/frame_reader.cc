@@ -5,6 +5,7 @@
 #include "s3lam/base/error.h"
 #include "s3lam/io/image_file.h"
 #include "s3lam/io/image_sequence.h"
+#include "video_capture.h"
 
 namespace s3lam {
 namespace {
@@ -26,7 +27,9 @@ class VideoReader {
 
  private:
   void Open() {
-    if (!capture_.open(source_)) ThrowInputError("{}: cannot open video", source_);
+    if (!internal::OpenVideoFile(source_, capture_)) {
+      ThrowInputError("{}: cannot open video", source_);
+    }
     next_ = 0;
   }
   void Grab(int index) {

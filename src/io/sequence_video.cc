@@ -6,6 +6,7 @@
 
 #include "s3lam/base/error.h"
 #include "sequence_formats.h"
+#include "video_capture.h"
 
 namespace s3lam::internal {
 namespace {
@@ -25,7 +26,7 @@ void SilenceDecoders() {
 ImageSequence OpenVideo(const std::filesystem::path& path) {
   SilenceDecoders();
   cv::VideoCapture capture;
-  if (!capture.open(path.string()) || !capture.isOpened()) {
+  if (!OpenVideoFile(path, capture)) {
     ThrowInputError("{}: not a video that can be opened", path.string());
   }
   ImageSequence sequence;
