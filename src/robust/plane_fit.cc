@@ -169,7 +169,7 @@ std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
   const PlaneEstimator estimator(points, options.local_radius, band);
   const auto found = Ransac(estimator, options.inlier_sigmas, options.ransac, rng);
   if (!found) return std::nullopt;
-  const std::optional<PlaneFit> fit = FitPlane(points, found->inliers);
+  std::optional<PlaneFit> fit = FitPlane(points, found->inliers);
   if (!fit || !band.Contains(fit->plane.normal)) return std::nullopt;
   if (fit->spread_v < options.min_width_ratio * fit->spread_u) return std::nullopt;
   const Eigen::Matrix2d tilt = fit->covariance.topLeftCorner<2, 2>();
