@@ -1,5 +1,7 @@
 #include "s3lam/report/common_frame.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <numbers>

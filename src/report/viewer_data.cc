@@ -1,5 +1,7 @@
 #include "s3lam/report/viewer_data.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
