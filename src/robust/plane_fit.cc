@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "s3lam/base/statistics.h"
+
 namespace s3lam {
 namespace {
 
@@ -71,6 +73,54 @@ void ComputeSpreadAndCovariance(std::span<const UncertainPoint> points, double m
   fit.covariance = std::max(1.0, fit.rms_sigma * fit.rms_sigma) * information.inverse();
 }
 
+/// How far an inlier is from a plane, and what explains it.
+struct Departure {
+  double distance = 0.0;
+  double point_variance = 0.0;  // Of the point itself, along the normal.
+  double roughness = 0.0;       // Of the surface.
+
+  [[nodiscard]] double Variance(double share) const {
+    return point_variance + share * share * roughness * roughness;
+  }
+};
+
+std::vector<Departure> FindDepartures(std::span<const UncertainPoint> points, const PlaneFit& fit,
+                                      double min_sigma) {
+  std::vector<Departure> departures;
+  for (const size_t i : fit.inliers) {
+    const UncertainPoint& point = points[i];
+    const double roughness = point.roughness;
+    const double variance = DistanceVariance(point, fit.plane.normal) - roughness * roughness;
+    departures.push_back({std::abs(fit.plane.SignedDistance(point.xyz)),
+                          std::max(variance, min_sigma * min_sigma), roughness});
+  }
+  return departures;
+}
+
+/// The share of their roughness, 0 to 1, with which points scatter as they say they do.
+double RoughnessShare(std::span<const Departure> departures) {
+  constexpr int kHalvings = 10;
+  constexpr double kMedianOfNormal = 0.6744897501960817;  // Of the absolute value.
+  double low = 0.0;
+  double high = 1.0;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double share = 0.5 * (low + high);
+    std::vector<double> errors;
+    for (const Departure& d : departures) {
+      errors.push_back(d.distance / std::sqrt(d.Variance(share)));
+    }
+    (Median(std::move(errors)) > kMedianOfNormal ? low : high) = share;
+  }
+  return high;
+}
+
+/// Tukey's biweight of an error in standard deviations.
+double BiweightOf(double error) {
+  constexpr double kWidth = 4.685;  // 95 % as efficient as least squares without any outlier.
+  const double ratio = error / kWidth;
+  return ratio < 1.0 ? std::pow(1.0 - ratio * ratio, 2) : 0.0;
+}
+
 /// Draws, estimates and scores for Ransac.
 class PlaneEstimator {
  public:
@@ -124,7 +174,7 @@ class PlaneEstimator {
 
   [[nodiscard]] double SquaredError(const Plane& plane, size_t i) const {
     const double distance = plane.SignedDistance(points_[i].xyz);
-    const double variance = plane.normal.dot(points_[i].covariance * plane.normal);
+    const double variance = DistanceVariance(points_[i], plane.normal);
     return distance * distance / std::max(variance, min_sigma_ * min_sigma_);
   }
 
@@ -160,6 +210,24 @@ std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
   fit.inliers.assign(indices.begin(), indices.end());
   ComputeSpreadAndCovariance(points, min_sigma, fit);
   return fit;
+}
+
+PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& fit) {
+  constexpr int kRounds = 10;
+  const double min_sigma = kMinRelativeSigma * fit.spread_u;
+  PlaneFit refit = fit;
+  for (int round = 0; round < kRounds; ++round) {
+    const std::vector<Departure> departures = FindDepartures(points, refit, min_sigma);
+    const double share = RoughnessShare(departures);
+    std::vector<double> weights;
+    for (const Departure& d : departures) {
+      const double variance = d.Variance(share);
+      weights.push_back(BiweightOf(d.distance / std::sqrt(variance)) / variance);
+    }
+    if (!PlaneFromMoments(ComputeMoments(points, fit.inliers, weights), refit)) return fit;
+  }
+  ComputeSpreadAndCovariance(points, min_sigma, refit);
+  return refit;
 }
 
 std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,

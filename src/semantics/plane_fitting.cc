@@ -45,12 +45,13 @@ Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& c
     const double depth = MedianDepthOf(reconstruction, point);
     if (!covariance || !(depth > 0.0)) continue;
     const double roughness = options.roughness * depth;
-    const Eigen::Matrix3d total = *covariance + roughness * roughness * Eigen::Matrix3d::Identity();
     const double limit = options.max_point_sigma * depth;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(total, Eigen::EigenvaluesOnly);
-    if (!(solver.eigenvalues().maxCoeff() < limit * limit)) continue;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(*covariance,
+                                                                Eigen::EigenvaluesOnly);
+    const double largest = solver.eigenvalues().maxCoeff() + roughness * roughness;
+    if (!(largest < limit * limit)) continue;
     result.ids.push_back(id);
-    result.points.push_back({point.xyz, total});
+    result.points.push_back({point.xyz, *covariance, roughness});
     depths.push_back(depth);
   }
   if (depths.empty()) return result;
@@ -200,7 +201,8 @@ std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstructi
   JoinLayers(candidates, options, std::move(rest), fits);
   std::vector<PlanarSurface> surfaces;
   for (const PlaneFit& fit : fits) {
-    surfaces.push_back(MakeSurface(reconstruction, cluster, candidates, fit));
+    surfaces.push_back(
+        MakeSurface(reconstruction, cluster, candidates, RefitRobustly(candidates.points, fit)));
   }
   return surfaces;
 }

@@ -102,6 +102,56 @@ TEST(FitPlane, CovarianceMatchesTheScatterOfRepeatedFits) {
   EXPECT_NEAR(predicted_shift / squared_shifts, 1.0, 0.25);
 }
 
+/// A smooth surface said to be rough; of the points near one of its sides, half are of a ledge that
+/// stands out by no more than that.
+std::vector<UncertainPoint> SurfaceWithALedge(const Plane& surface, double roughness, Rng& rng) {
+  auto points = SamplePlane(surface, 300, 1.0, 0.001, rng);
+  const auto [u, v] = PlaneAxes(surface.normal);
+  for (UncertainPoint& point : points) {
+    if (u.dot(point.xyz) > 0.5 && rng.Below(2) == 0) point.xyz += 1.5 * roughness * surface.normal;
+    point.roughness = roughness;
+  }
+  return points;
+}
+
+TEST(RefitRobustly, IsNotPulledByWhatRoughnessWouldExplain) {
+  Rng rng(5);
+  const Plane truth = MakePlane({1, 2, 3}, 1.0);
+  const auto points = SurfaceWithALedge(truth, 0.02, rng);
+  const auto fit = FitPlane(points, AllOf(points));
+  ASSERT_TRUE(fit);
+  EXPECT_GT(PlaneAngle(fit->plane, truth), 0.3 * kDegree);
+  const PlaneFit refit = RefitRobustly(points, *fit);
+  EXPECT_LT(PlaneAngle(refit.plane, truth), 0.03 * kDegree);
+  EXPECT_EQ(refit.inliers, fit->inliers);
+  EXPECT_GT(refit.rms, fit->rms);  // Least squares has the smallest.
+}
+
+TEST(RefitRobustly, IsNearlyAsGoodAsLeastSquaresWithoutOutliers) {
+  const Plane truth = MakePlane({0.2, 0.1, 1}, -2.0);
+  double squared = 0.0;
+  double refit_squared = 0.0;
+  for (uint64_t seed = 0; seed < 200; ++seed) {
+    Rng rng(seed);
+    auto points = SamplePlane(truth, 60, 1.0, 0.01, rng);
+    for (UncertainPoint& point : points) point.roughness = 0.02;
+    const auto fit = FitPlane(points, AllOf(points));
+    ASSERT_TRUE(fit);
+    squared += std::pow(PlaneAngle(fit->plane, truth), 2);
+    refit_squared += std::pow(PlaneAngle(RefitRobustly(points, *fit).plane, truth), 2);
+  }
+  EXPECT_LT(refit_squared, 1.25 * squared);
+}
+
+TEST(RefitRobustly, LeavesAPlaneThroughExactPointsAlone) {
+  Rng rng(6);
+  const Plane truth = MakePlane({1, -2, 0.5}, 3.0);
+  const auto points = SamplePlane(truth, 20, 2.0, 0.0, rng);
+  const auto fit = FitPlane(points, AllOf(points));
+  ASSERT_TRUE(fit);
+  EXPECT_LT(PlaneAngle(RefitRobustly(points, *fit).plane, truth), 1e-7);
+}
+
 class RobustPlane : public ::testing::TestWithParam<double> {};
 
 TEST_P(RobustPlane, RecoversUnderOutliers) {

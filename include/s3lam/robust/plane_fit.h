@@ -14,10 +14,12 @@
 namespace s3lam {
 
 /// A point with its uncertainty: what a plane through it may miss it by is
-/// sigma^2 = n^T covariance n.
+/// sigma^2 = n^T covariance n + roughness^2.
 struct UncertainPoint {
   Eigen::Vector3d xyz = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
+  /// How far the surface itself may depart from a plane [units of the points].
+  double roughness = 0.0;
 };
 
 struct PlaneFitOptions {
@@ -68,9 +70,14 @@ struct NormalBand {
   }
 };
 
+/// Variance [squared units of the points] of a point's distance to a plane.
+inline double DistanceVariance(const UncertainPoint& point, const Eigen::Vector3d& normal) {
+  return std::max(0.0, normal.dot(point.covariance * normal)) + point.roughness * point.roughness;
+}
+
 /// Standard deviation [units of the points] of a point's distance to a plane.
 inline double DistanceSigma(const UncertainPoint& point, const Eigen::Vector3d& normal) {
-  return std::sqrt(std::max(0.0, normal.dot(point.covariance * normal)));
+  return std::sqrt(DistanceVariance(point, normal));
 }
 
 /// Total least squares plane of the chosen points, each weighted by 1 / sigma^2 for the plane's own
@@ -78,6 +85,13 @@ inline double DistanceSigma(const UncertainPoint& point, const Eigen::Vector3d& 
 /// line or on one spot.
 std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
                                  std::span<const size_t> indices);
+
+/// The plane that most inliers of a fit lie on. What is allowed for roughness also lets in points
+/// next to a smooth surface, which pull at a least squares plane: an M-estimate (Tukey's biweight),
+/// with roughness cut down to the share, from none to all, that the inliers' median distance shows.
+/// The inliers stay; rms, rms_sigma and covariance are theirs, about the new plane and with all of
+/// the roughness. The fit as given where the weights leave the plane undetermined.
+PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& fit);
 
 /// The plane that most points support: MSAC over minimal samples, then FitPlane on the inliers.
 /// Empty if the points are degenerate, the support leaves the normal less certain than
