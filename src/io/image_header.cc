@@ -123,15 +123,31 @@ constexpr unsigned kTagWidth = 256;
 constexpr unsigned kTagHeight = 257;
 constexpr unsigned kTagBitsPerSample = 258;
 constexpr unsigned kTagCompression = 259;
+constexpr unsigned kTagTileWidth = 322;
+constexpr unsigned kTagTileHeight = 323;
+
+/// A width and a height of the first image of a TIFF; zero where there is none.
+cv::Size TiffSides(const Tiff& tiff, size_t directory, unsigned width_tag, unsigned height_tag) {
+  const auto side = [&](unsigned tag) {
+    const double value = tiff.Value(directory, tag).value_or(0.0);
+    return static_cast<int>(std::clamp<double>(value, 0.0, std::numeric_limits<int>::max()));
+  };
+  return {side(width_tag), side(height_tag)};
+}
 
 std::optional<cv::Size> TiffSize(const Tiff& tiff) {
   const auto directory = tiff.FirstDirectory();
   if (!directory) return std::nullopt;
-  const auto side = [&](unsigned tag) {
-    const double value = tiff.Value(*directory, tag).value_or(0.0);
-    return static_cast<int>(std::clamp<double>(value, 0.0, std::numeric_limits<int>::max()));
-  };
-  return cv::Size(side(kTagWidth), side(kTagHeight));
+  return TiffSides(tiff, *directory, kTagWidth, kTagHeight);
+}
+
+/// Pixels that a TIFF with an image of `num_pixels` stores at least: a tile is always whole.
+uint64_t TiffPixels(const Tiff& tiff, uint64_t num_pixels) {
+  const auto directory = tiff.FirstDirectory();
+  if (!directory) return num_pixels;
+  const cv::Size tile = TiffSides(tiff, *directory, kTagTileWidth, kTagTileHeight);
+  return std::max(num_pixels,
+                  static_cast<uint64_t>(tile.width) * static_cast<uint64_t>(tile.height));
 }
 
 /// Bits that a pixel of a TIFF takes at least: each has one sample or more. 0 where a compression
@@ -204,7 +220,10 @@ uint64_t internal::LeastFileSize(std::string_view bytes, uint64_t num_pixels) {
   };
   if (IsJpeg(bytes)) return of_bits(8.0 / kMaxJpegPixelsPerByte);
   if (IsBmp(bytes)) return of_bits(BmpBitsPerPixel(bytes));
-  if (const Tiff tiff(bytes); tiff.IsTiff()) return of_bits(TiffBitsPerPixel(tiff));
+  if (const Tiff tiff(bytes); tiff.IsTiff()) {
+    num_pixels = TiffPixels(tiff, num_pixels);
+    return of_bits(TiffBitsPerPixel(tiff));
+  }
   if (IsWebp(bytes)) return IsLossyWebp(bytes) ? of_bits(8.0 / kMaxWebpPixelsPerByte) : 0;
   if (PnmSize(bytes)) return of_bits(PnmBitsPerPixel(bytes));
   return of_bits(static_cast<double>(PngBitsPerPixel(bytes)) / kMaxDeflateRatio);

@@ -88,13 +88,16 @@ class LineParser {
 /// Reads a text file line by line and counts.
 class LineReader {
  public:
-  LineReader(std::istream& stream, const std::string& source) : stream_(stream), source_(source) {}
+  LineReader(std::istream& stream, const std::string& source) : stream_(stream), source_(source) {
+    stream_.exceptions(std::ios::badbit);  // Else the end of memory looks like one of the disk.
+  }
 
   /// The next line as it stands; false at the end of the file.
   bool NextRaw() {
-    if (!std::getline(stream_, line_)) {
-      if (stream_.bad()) ThrowInputError("{}: cannot read", source_);
-      return false;
+    try {
+      if (!std::getline(stream_, line_)) return false;
+    } catch (const std::ios::failure&) {
+      ThrowInputError("{}: cannot read", source_);
     }
     ++line_number_;
     ends_in_newline_ = !stream_.eof();

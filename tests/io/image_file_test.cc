@@ -197,6 +197,9 @@ TEST(ImageFile, TiffSizesThatAFileCannotHoldAreRefusedBeforeDecoding) {
     expect_refused(TiffHeader({{256, 20000}, {257, 9995}, {258, 8}, {259, compression}}),
                    "cannot be an image of 20000 x 9995 px");
   }
+  // A small image in a huge tile.
+  expect_refused(TiffHeader({{256, 16}, {257, 16}, {258, 8}, {259, 1}, {322, 65536}, {323, 65536}}),
+                 "cannot be an image of 16 x 16 px");
   // As BigTIFF, the most significant byte first: 60000 x 60000, as SHORT.
   const std::string entries(
       "\x01\0\0\x03\0\0\0\0\0\0\0\x01\xEA\x60\0\0\0\0\0\0"

@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <new>
 #include <sstream>
+#include <streambuf>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/rng.h"
@@ -39,6 +41,27 @@ void ExpectEqual(const Trajectory& a, const Trajectory& b) {
     EXPECT_EQ(a[i].world_from_camera.translation, b[i].world_from_camera.translation);
     EXPECT_EQ(a[i].world_from_camera.rotation.coeffs(), b[i].world_from_camera.rotation.coeffs());
   }
+}
+
+/// A source of characters that ends in an exception.
+template <typename Exception>
+class FailingBuffer : public std::streambuf {
+ protected:
+  int_type underflow() override { throw Exception(); }
+};
+
+struct DiskFailure : std::ios::failure {
+  DiskFailure() : std::ios::failure("error reading the file") {}
+};
+
+TEST(Trajectory, TellsTheEndOfMemoryFromThatOfTheDisk) {
+  FailingBuffer<std::bad_alloc> without_memory;
+  std::istream large(&without_memory);
+  EXPECT_THROW((void)ReadTumTrajectory(large, "poses.txt"), std::bad_alloc);
+  FailingBuffer<DiskFailure> broken;
+  std::istream unreadable(&broken);
+  EXPECT_THAT([&] { (void)ReadTumTrajectory(unreadable, "poses.txt"); },
+              ThrowsMessage<InputError>(HasSubstr("poses.txt: cannot read")));
 }
 
 TEST(Trajectory, TumRoundTripIsExact) {
