@@ -214,6 +214,7 @@ std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
 
 PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& fit) {
   constexpr int kRounds = 10;
+  constexpr double kMinTurn = 1e-5;  // [rad]
   const double min_sigma = kMinRelativeSigma * fit.spread_u;
   PlaneFit refit = fit;
   for (int round = 0; round < kRounds; ++round) {
@@ -224,7 +225,9 @@ PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& f
       const double variance = d.Variance(share);
       weights.push_back(BiweightOf(d.distance / std::sqrt(variance)) / variance);
     }
+    const Plane before = refit.plane;
     if (!PlaneFromMoments(ComputeMoments(points, fit.inliers, weights), refit)) return fit;
+    if (PlaneAngle(before, refit.plane) < kMinTurn) break;
   }
   ComputeSpreadAndCovariance(points, min_sigma, refit);
   return refit;
