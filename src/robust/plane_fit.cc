@@ -97,28 +97,41 @@ std::vector<Departure> FindDepartures(std::span<const UncertainPoint> points, co
   return departures;
 }
 
+/// Of the distances in units of what explains them. 1 if they scatter as that says.
+double RobustScatter(std::span<const Departure> departures, double share) {
+  constexpr double kMedianOfNormal = 0.6744897501960817;  // Of the absolute value.
+  std::vector<double> errors;
+  for (const Departure& d : departures) {
+    errors.push_back(d.distance / std::sqrt(d.Variance(share)));
+  }
+  return Median(std::move(errors)) / kMedianOfNormal;
+}
+
 /// The share of their roughness, 0 to 1, with which points scatter as they say they do.
 double RoughnessShare(std::span<const Departure> departures) {
   constexpr int kHalvings = 10;
-  constexpr double kMedianOfNormal = 0.6744897501960817;  // Of the absolute value.
   double low = 0.0;
   double high = 1.0;
   for (int i = 0; i < kHalvings; ++i) {
     const double share = 0.5 * (low + high);
-    std::vector<double> errors;
-    for (const Departure& d : departures) {
-      errors.push_back(d.distance / std::sqrt(d.Variance(share)));
-    }
-    (Median(std::move(errors)) > kMedianOfNormal ? low : high) = share;
+    (RobustScatter(departures, share) > 1.0 ? low : high) = share;
   }
   return high;
 }
 
-/// Tukey's biweight of an error in standard deviations.
-double BiweightOf(double error) {
+/// Weights of a least squares step towards the plane that most points lie on: Tukey's biweight of
+/// their scatter.
+std::vector<double> BiweightsOf(std::span<const Departure> departures) {
   constexpr double kWidth = 4.685;  // 95 % as efficient as least squares without any outlier.
-  const double ratio = error / kWidth;
-  return ratio < 1.0 ? std::pow(1.0 - ratio * ratio, 2) : 0.0;
+  const double share = RoughnessShare(departures);
+  const double scatter = std::max(1.0, RobustScatter(departures, share));
+  std::vector<double> weights;
+  for (const Departure& d : departures) {
+    const double variance = d.Variance(share);
+    const double ratio = d.distance / (kWidth * scatter * std::sqrt(variance));
+    weights.push_back(ratio < 1.0 ? std::pow(1.0 - ratio * ratio, 2) / variance : 0.0);
+  }
+  return weights;
 }
 
 /// Draws, estimates and scores for Ransac.
@@ -143,33 +156,19 @@ class PlaneEstimator {
   [[nodiscard]] size_t size() const { return points_.size(); }
   [[nodiscard]] double min_sigma() const { return min_sigma_; }
 
-  /// Every other sample is local: in a cluster of several planes, neighbours share one more often.
+  /// A sample whose plane has its normal in the band, if one is found soon: a draw costs little,
+  /// and a narrow band refuses most planes through three points of a rough surface.
   [[nodiscard]] std::array<size_t, 3> DrawSample(Rng& rng) const {
     constexpr int kTries = 30;
-    std::array<size_t, 3> sample = DrawUniformSample<3>(size(), rng);
-    if (rng.Below(2) == 0) return sample;
-    for (size_t k = 1; k < 3; ++k) {
-      for (int attempt = 0; attempt < kTries; ++attempt) {
-        const size_t i = rng.Below(size());
-        if (std::find(sample.begin(), sample.end(), i) != sample.end()) continue;
-        if ((points_[i].xyz - points_[sample[0]].xyz).squaredNorm() > squared_radius_) continue;
-        sample[k] = i;
-        break;
-      }
+    std::array<size_t, 3> sample = DrawAnySample(rng);
+    for (int attempt = 1; attempt < kTries && !PlaneThrough(sample); ++attempt) {
+      sample = DrawAnySample(rng);
     }
     return sample;
   }
 
   void Estimate(const std::array<size_t, 3>& sample, std::vector<Plane>& planes) const {
-    constexpr double kMinSine = 0.02;  // Of the angle between two sides of the triangle.
-    const Eigen::Vector3d& origin = points_[sample[0]].xyz;
-    const Eigen::Vector3d a = points_[sample[1]].xyz - origin;
-    const Eigen::Vector3d b = points_[sample[2]].xyz - origin;
-    const Eigen::Vector3d normal = a.cross(b);
-    if (!(normal.norm() > kMinSine * a.norm() * b.norm())) return;
-    const Eigen::Vector3d unit = normal.normalized();
-    if (!band_.Contains(unit)) return;
-    planes.push_back({unit, -unit.dot(origin)});
+    if (const auto plane = PlaneThrough(sample)) planes.push_back(*plane);
   }
 
   [[nodiscard]] double SquaredError(const Plane& plane, size_t i) const {
@@ -185,6 +184,36 @@ class PlaneEstimator {
   }
 
  private:
+  /// Every other sample is local: in a cluster of several planes, neighbours share one more often.
+  [[nodiscard]] std::array<size_t, 3> DrawAnySample(Rng& rng) const {
+    constexpr int kTries = 30;
+    std::array<size_t, 3> sample = DrawUniformSample<3>(size(), rng);
+    if (rng.Below(2) == 0) return sample;
+    for (size_t k = 1; k < 3; ++k) {
+      for (int attempt = 0; attempt < kTries; ++attempt) {
+        const size_t i = rng.Below(size());
+        if (std::find(sample.begin(), sample.end(), i) != sample.end()) continue;
+        if ((points_[i].xyz - points_[sample[0]].xyz).squaredNorm() > squared_radius_) continue;
+        sample[k] = i;
+        break;
+      }
+    }
+    return sample;
+  }
+
+  /// Empty if the sample is nearly on a line, or its normal outside of the band.
+  [[nodiscard]] std::optional<Plane> PlaneThrough(const std::array<size_t, 3>& sample) const {
+    constexpr double kMinSine = 0.02;  // Of the angle between two sides of the triangle.
+    const Eigen::Vector3d& origin = points_[sample[0]].xyz;
+    const Eigen::Vector3d a = points_[sample[1]].xyz - origin;
+    const Eigen::Vector3d b = points_[sample[2]].xyz - origin;
+    const Eigen::Vector3d normal = a.cross(b);
+    if (!(normal.norm() > kMinSine * a.norm() * b.norm())) return std::nullopt;
+    const Eigen::Vector3d unit = normal.normalized();
+    if (!band_.Contains(unit)) return std::nullopt;
+    return Plane{unit, -unit.dot(origin)};
+  }
+
   std::span<const UncertainPoint> points_;
   NormalBand band_;
   double squared_radius_ = 0.0;
@@ -218,14 +247,8 @@ PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& f
   const double min_sigma = kMinRelativeSigma * fit.spread_u;
   PlaneFit refit = fit;
   for (int round = 0; round < kRounds; ++round) {
-    const std::vector<Departure> departures = FindDepartures(points, refit, min_sigma);
-    const double share = RoughnessShare(departures);
-    std::vector<double> weights;
-    for (const Departure& d : departures) {
-      const double variance = d.Variance(share);
-      weights.push_back(BiweightOf(d.distance / std::sqrt(variance)) / variance);
-    }
     const Plane before = refit.plane;
+    const std::vector<double> weights = BiweightsOf(FindDepartures(points, refit, min_sigma));
     if (!PlaneFromMoments(ComputeMoments(points, fit.inliers, weights), refit)) return fit;
     if (PlaneAngle(before, refit.plane) < kMinTurn) break;
   }
