@@ -21,6 +21,7 @@ from PIL import Image
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 MIN_OBSERVATIONS = 3  # Of a point, to be judged.
 MIN_OBJECT_POINTS = 50  # On a plane, to be judged.
+MAX_OFF_PLANE = 0.02  # Of a point that is on a true plane: of its distance from the nearest camera.
 CAMERA_HEIGHT_M = 1.655  # Of kitti07, by its README.
 
 
@@ -111,6 +112,7 @@ class Truth:
         table = json.loads((REPOSITORY / "configs" / "classes" / classes).read_text())
         self.things = {c["id"] for c in table["classes"] if c["thing"]}
         centres, truth = camera_centres(images, read_tum(folder / trajectory), rate_hz)
+        self.centres = truth
         self.alignment = align(truth, centres)
         scale, turn, shift = self.alignment
         self.alignment_rms = np.sqrt(
@@ -124,6 +126,12 @@ class Truth:
         """Normal and offset; None for an object that is not flat."""
         plane = self.objects.get(object_id, {}).get(f"plane_{self.world}")
         return (np.array(plane["n"]), plane["d"]) if plane else None
+
+    def is_on_plane(self, object_id, point):
+        """Whether the map has a point where the object's plane is; masks are wider than surfaces."""
+        x = self.xyz[point]
+        nearest = np.sqrt(((self.centres - x) ** 2).sum(1).min())
+        return abs(self._distance(object_id, x)) <= MAX_OFF_PLANE * nearest
 
     def _vote(self, masks, mask_of_frame, frames, images):
         votes = {}
@@ -247,7 +255,9 @@ def plane_measures(lifted, truth):
     rows, normals = [], {}
     for object_id, info in sorted(truth.objects.items()):
         points = on_object.get(object_id, set())
-        if not info.get("plane_reliable") or len(points) < MIN_OBJECT_POINTS:
+        if not info.get("plane_reliable"):
+            continue
+        if sum(truth.is_on_plane(object_id, p) for p in points) < MIN_OBJECT_POINTS:
             continue
         shared = [(len(points & set(plane["inliers"])), -i) for i, plane in
                   enumerate(lifted.planes)]
