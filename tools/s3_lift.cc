@@ -274,9 +274,8 @@ void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& c
               {{"frames", names.size()}, {"frames_with_mask", count}, {"ignored_share", mean}});
 }
 
-/// All but the JSON of the masks, of which only the opened masks know.
 Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
-                          const LiftOptions& options) {
+                          const PanopticMasks& masks, const LiftOptions& options) {
   Provenance provenance("s3-lift", common, OptionsToJson(options));
   provenance.AddFiles("model", Required(arguments, "model"),
                       {"cameras.bin", "images.bin", "points3D.bin", "cameras.txt", "images.txt",
@@ -286,6 +285,7 @@ Provenance DescribeInputs(const po::variables_map& arguments, const CommonArgume
   provenance.AddFile("label_map",
                      FindConfigFile(arguments["label-map"].as<std::string>(), "label_maps"));
   provenance.AddFile("confusion", arguments["confusion"].as<std::string>());
+  provenance.AddFile("mask_json", masks.json_path());
   return provenance;
 }
 
@@ -311,24 +311,25 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   Reconstruction model;
   DescriptorsByPoint descriptors;
   std::optional<PanopticMasks> opened;
-  std::optional<Provenance> provenance;
   InParallel(common.threads, {[&] {
                                 model = ReadColmapModel(model_path);
                                 if (fs::exists(model_path / "descriptors.bin")) {
                                   descriptors = ReadDescriptors(model_path / "descriptors.bin");
                                 }
                               },
-                              [&] { opened = OpenMasks(arguments, mask_path, format, table); },
-                              [&] { provenance = DescribeInputs(arguments, common, options); }});
+                              [&] { opened = OpenMasks(arguments, mask_path, format, table); }});
   const PanopticMasks& masks = *opened;
-  provenance->AddFile("mask_json", masks.json_path());
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(masks, model);
   const Overlays overlays = ChooseOverlays(arguments, model);
 
-  const LiftResult result = LiftSemantics(
-      model, table, [&](const Image& image) { return source.Read(image); }, descriptors, options);
+  const MaskProvider read_mask = [&](const Image& image) { return source.Read(image); };
+  LiftResult result;
+  std::optional<Provenance> provenance;
+  InParallel(common.threads,
+             {[&] { result = LiftSemantics(model, table, read_mask, descriptors, options); },
+              [&] { provenance = DescribeInputs(arguments, common, masks, options); }});
   json report = ReportToJson(result.report, table);
   provenance->AddTo(report);
   WriteResult(model, result, provenance->config(), report, common.threads, output.path());

@@ -140,7 +140,7 @@ class PlaneEstimator {
   using Model = Plane;
   static constexpr size_t kSampleSize = 3;
 
-  PlaneEstimator(std::span<const UncertainPoint> points, double local_radius,
+  PlaneEstimator(std::span<const UncertainPoint> points, const PlaneFitOptions& options,
                  const NormalBand& band)
       : points_(points), band_(band) {
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
@@ -149,8 +149,14 @@ class PlaneEstimator {
     double squares = 0.0;
     for (const UncertainPoint& p : points) squares += (p.xyz - mean).squaredNorm();
     const double spread = std::sqrt(squares / static_cast<double>(points.size()));
-    squared_radius_ = std::pow(local_radius * spread, 2);
+    squared_radius_ = std::pow(options.local_radius * spread, 2);
     min_sigma_ = kMinRelativeSigma * spread;
+    for (const UncertainPoint& p : points) {
+      const double variance = p.covariance.trace() + p.roughness * p.roughness;
+      variance_bounds_.push_back(std::max(variance, min_sigma_ * min_sigma_));
+      inlier_bounds_.push_back(options.inlier_sigmas * options.inlier_sigmas *
+                               variance_bounds_.back());
+    }
   }
 
   [[nodiscard]] size_t size() const { return points_.size(); }
@@ -159,7 +165,7 @@ class PlaneEstimator {
   /// A sample whose plane has its normal in the band, if one is found soon: a draw costs little,
   /// and a narrow band refuses most planes through three points of a rough surface.
   [[nodiscard]] std::array<size_t, 3> DrawSample(Rng& rng) const {
-    constexpr int kTries = 30;
+    constexpr int kTries = 6;
     std::array<size_t, 3> sample = DrawAnySample(rng);
     for (int attempt = 1; attempt < kTries && !PlaneThrough(sample); ++attempt) {
       sample = DrawAnySample(rng);
@@ -171,10 +177,12 @@ class PlaneEstimator {
     if (const auto plane = PlaneThrough(sample)) planes.push_back(*plane);
   }
 
+  /// Of outliers a lower bound, which takes less time.
   [[nodiscard]] double SquaredError(const Plane& plane, size_t i) const {
-    const double distance = plane.SignedDistance(points_[i].xyz);
+    const double squared_distance = std::pow(plane.SignedDistance(points_[i].xyz), 2);
+    if (squared_distance > inlier_bounds_[i]) return squared_distance / variance_bounds_[i];
     const double variance = DistanceVariance(points_[i], plane.normal);
-    return distance * distance / std::max(variance, min_sigma_ * min_sigma_);
+    return squared_distance / std::max(variance, min_sigma_ * min_sigma_);
   }
 
   [[nodiscard]] std::optional<Plane> Refine(const Plane&, std::span<const size_t> inliers) const {
@@ -218,6 +226,8 @@ class PlaneEstimator {
   NormalBand band_;
   double squared_radius_ = 0.0;
   double min_sigma_ = 0.0;
+  std::vector<double> variance_bounds_;  // Of the points' distances to any plane.
+  std::vector<double> inlier_bounds_;    // Squared distances of inliers of any plane.
 };
 
 }  // namespace
@@ -260,7 +270,7 @@ std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
                                          const PlaneFitOptions& options, const NormalBand& band,
                                          Rng& rng) {
   if (points.size() < PlaneEstimator::kSampleSize) return std::nullopt;
-  const PlaneEstimator estimator(points, options.local_radius, band);
+  const PlaneEstimator estimator(points, options, band);
   const auto found = Ransac(estimator, options.inlier_sigmas, options.ransac, rng);
   if (!found) return std::nullopt;
   std::optional<PlaneFit> fit = FitPlane(points, found->inliers);

@@ -215,6 +215,16 @@ struct Task {
   std::vector<PlanarSurface> surfaces;
 };
 
+/// Indices of the tasks in the order in which threads are busy to the end.
+std::vector<size_t> LargestFirst(const std::vector<Task>& tasks) {
+  std::vector<size_t> order(tasks.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
+    return tasks[a].cluster->points.size() > tasks[b].cluster->points.size();
+  });
+  return order;
+}
+
 /// Up to sign, the direction that most inliers of planes of horizontal classes are normal to within
 /// `max_angle` [rad]; empty without any such plane.
 std::optional<Eigen::Vector3d> EstimateUp(const std::vector<Task>& tasks, double max_angle) {
@@ -349,18 +359,21 @@ void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
                                        task.semantic_class->min_plane_inliers, bands, options,
                                        rng.Fork(task.cluster->id.value()));
   };
+  const std::vector<size_t> order = LargestFirst(tasks);
   ParallelFor(tasks.size(), num_threads, [&](size_t i) {
-    tasks[i].candidates = FindCandidates(reconstruction, *tasks[i].cluster, sigma_px, options);
-    fit(tasks[i], Bands{});
+    Task& task = tasks[order[i]];
+    task.candidates = FindCandidates(reconstruction, *task.cluster, sigma_px, options);
+    fit(task, Bands{});
   });
   const double max_angle = options.orientation_deg * kRadPerDeg;
   if (const auto up = EstimateUp(tasks, max_angle)) {
     ParallelFor(tasks.size(), num_threads, [&](size_t i) {
-      const SurfaceOrientation orientation = tasks[i].semantic_class->orientation;
+      Task& task = tasks[order[i]];
+      const SurfaceOrientation orientation = task.semantic_class->orientation;
       if (orientation == SurfaceOrientation::kAny) return;
       const Bands bands{BandOf(orientation, *up, max_angle),
                         BandOf(orientation, *up, options.exact_deg * kRadPerDeg)};
-      if (!AllWithin(tasks[i].surfaces, bands.expected)) fit(tasks[i], bands);
+      if (!AllWithin(task.surfaces, bands.expected)) fit(task, bands);
     });
   }
   map.planes.clear();
