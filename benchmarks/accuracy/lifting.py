@@ -4,9 +4,10 @@
 The truth files only judge; they are never an input of s3-lift. Needs numpy and Pillow.
 
   lifting.py --data DIR --bin DIR --output DIR [--parts redkitchen kitti07 synthetic cameras colmap]
-             [--redkitchen-models DIR...] [--kitti-models DIR...]
+             [--redkitchen-models DIR...] [--kitti-models DIR...] [--lift-seeds N...]
 """
 import argparse
+import itertools
 import json
 import pathlib
 import shutil
@@ -338,10 +339,10 @@ ARMS = {
 }
 
 
-def lift(binary, model, masks, classes, output, settings):
+def lift(binary, model, masks, classes, output, settings, seed=0):
     command = [str(binary), "--model", str(model), "--masks", str(masks), "--classes",
                str(REPOSITORY / "configs" / "classes" / classes), "--output", str(output),
-               "--overwrite", "--quiet", "--progress", "none"]
+               "--seed", str(seed), "--overwrite", "--quiet", "--progress", "none"]
     for setting in settings:
         command += ["--set", setting]
     start = time.monotonic()
@@ -382,14 +383,18 @@ def run_kitchen(arguments, results):
               f"camera centres within {1000 * truth.alignment_rms:.1f} mm RMS")
         print_header()
         for masks in ("clean", "noisy"):
-            for arm in arguments.arms:
+            rows = []
+            for arm, seed in itertools.product(arguments.arms, arguments.lift_seeds):
                 lifted, seconds = lift(arguments.bin / "s3-lift", model,
                                        folder / f"panoptic_{masks}", "coco.json",
-                                       arguments.output / "lift", ARMS[arm] + arguments.settings)
+                                       arguments.output / "lift", ARMS[arm] + arguments.settings,
+                                       seed)
                 measured = measure(lifted, truth, seconds)
-                results[f"redkitchen {model.name} {masks} {arm}"] = measured
-                print_row(f"{masks} {arm}", measured)
-            print_planes(results[f"redkitchen {model.name} {masks} {arguments.arms[0]}"])
+                label = f"{masks} {arm}" + (f" seed {seed}" if seed else "")
+                results[f"redkitchen {model.name} {label}"] = measured
+                print_row(label, measured)
+                rows.append(measured)
+            print_planes(rows[0])
 
 
 # ---- synthetic scenes ------------------------------------------------------------------------------
@@ -597,6 +602,8 @@ def main():
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
     parser.add_argument("--levels", nargs="+", type=float,
                         default=[0.0, 0.1, 0.15, 0.2, 0.3, 0.4])
+    parser.add_argument("--lift-seeds", nargs="+", type=int, default=[0],
+                        help="of the samples that s3-lift draws, on redkitchen")
     parser.add_argument("--set", action="append", default=[], dest="settings",
                         metavar="KEY.PATH=VALUE", help="for s3-lift, on top of every arm")
     arguments = parser.parse_args()
