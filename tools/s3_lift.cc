@@ -236,6 +236,25 @@ Overlays ChooseOverlays(const po::variables_map& arguments, const Reconstruction
   return overlays;
 }
 
+/// The frames of a video that have a mask, by their names: for those it need not be decoded.
+ImageSequence ListFramesWithMask(const fs::path& video, const PanopticMasks& masks) {
+  ImageSequence sequence;
+  sequence.format = SequenceFormat::kVideo;
+  sequence.image_root = video;
+  const std::string prefix = video.stem().string() + "_";
+  for (const std::string& name : masks.names()) {
+    const std::string stem = fs::path(name).stem().string();
+    if (!stem.starts_with(prefix)) continue;
+    const auto index = static_cast<int>(sequence.frames.size());
+    sequence.frames.push_back({static_cast<double>(index), stem + ".png", {}, index});
+  }
+  if (sequence.frames.empty()) {
+    ThrowInputError("{}: no mask is named as one of its frames, such as {}", video.string(),
+                    NameOfVideoFrame(video, 0));
+  }
+  return sequence;
+}
+
 /// Writes for every frame of a sequence that has a mask what to ignore in it.
 void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& common) {
   const fs::path mask_path = Required(arguments, "masks");
@@ -243,11 +262,12 @@ void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& c
   const MaskFormat format = ParseMaskFormat(arguments["mask-format"].as<std::string>());
   const int margin_px = arguments["ignore-margin"].as<int>();
   if (margin_px < 0) throw UsageError("--ignore-margin must not be negative");
-  const ImageSequence sequence =
-      OpenSequence(Required(arguments, "sequence"), SequenceFormat::kAuto);
   OutputDirectory output(Required(arguments, "output"), common.overwrite);
   const ClassTable table = ReadClassTable(class_path);
   const PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
+  const ImageSequence sequence =
+      OpenSequence(Required(arguments, "sequence"), SequenceFormat::kAuto, {},
+                   [&](const fs::path& video) { return ListFramesWithMask(video, masks); });
   std::vector<std::string> names;
   for (const SequenceFrame& frame : sequence.frames) names.push_back(frame.name);
   const auto matches = MatchMasksToImages(names, masks.names());

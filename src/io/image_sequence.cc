@@ -49,7 +49,8 @@ std::optional<CameraFile> FindCameraFile(const std::vector<fs::path>& folders) {
   return std::nullopt;
 }
 
-ImageSequence OpenFormat(const fs::path& path, SequenceFormat format) {
+ImageSequence OpenFormat(const fs::path& path, SequenceFormat format,
+                         const VideoLister& list_video) {
   switch (format) {
     case SequenceFormat::kTum:
       return internal::OpenTum(path);
@@ -60,7 +61,7 @@ ImageSequence OpenFormat(const fs::path& path, SequenceFormat format) {
     case SequenceFormat::kEuroc:
       return internal::OpenEuroc(path);
     case SequenceFormat::kVideo:
-      return internal::OpenVideo(path);
+      return list_video(path);
     case SequenceFormat::kAuto:
     case SequenceFormat::kFolder:
       break;
@@ -122,7 +123,8 @@ int ParseField(std::string_view field, int min, const std::string& text) {
   return value;
 }
 
-ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const FrameRange& range) {
+ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const FrameRange& range,
+                          const VideoLister& list_video) {
   const std::string source = path.string();
   if (!fs::exists(path)) ThrowInputError("{}: no such file or directory", source);
   if (format == SequenceFormat::kAuto) format = DetectFormat(path);
@@ -132,7 +134,7 @@ ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const Fra
   if (format != SequenceFormat::kVideo && !fs::is_directory(path)) {
     ThrowInputError("{}: not a directory", source);
   }
-  ImageSequence sequence = OpenFormat(path, format);
+  ImageSequence sequence = OpenFormat(path, format, list_video);
   CheckFrames(source, sequence);
   const fs::path& root = sequence.image_root;
   std::vector<fs::path> folders = {path, root};
@@ -171,10 +173,15 @@ FrameRange ParseFrameRange(const std::string& text) {
   return range;
 }
 
-ImageSequence OpenSequence(const fs::path& path, SequenceFormat format, const FrameRange& range) {
+std::string NameOfVideoFrame(const fs::path& video, int index) {
+  return fmt::format("{}_{:06d}.png", video.stem().string(), index);
+}
+
+ImageSequence OpenSequence(const fs::path& path, SequenceFormat format, const FrameRange& range,
+                           const VideoLister& list_video) {
   S3LAM_CHECK(range.first >= 0 && range.step > 0);
   try {
-    return OpenChecked(path, format, range);
+    return OpenChecked(path, format, range, list_video);
   } catch (const fs::filesystem_error& error) {  // Folders that may not be looked into.
     ThrowInputError("{}: {}", error.path1().string(), error.code().message());
   }

@@ -23,7 +23,6 @@ ImageSequence OpenKittiRaw(const std::filesystem::path& path);
 ImageSequence OpenEuroc(const std::filesystem::path& path);
 /// `period_s` is the time from one image to the next.
 ImageSequence OpenFolder(const std::filesystem::path& path, double period_s);
-ImageSequence OpenVideo(const std::filesystem::path& path);
 
 /// Image files below a folder, relative to it, in natural order ("frame9" before "frame10").
 std::vector<std::string> ListImages(const std::filesystem::path& directory, bool recursive);

@@ -1,5 +1,3 @@
-#include <fmt/format.h>
-
 #include <cstdlib>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/videoio.hpp>
@@ -8,7 +6,7 @@
 #include "sequence_formats.h"
 #include "video_capture.h"
 
-namespace s3lam::internal {
+namespace s3lam {
 namespace {
 
 /// OpenCV and FFmpeg write what they think of a file to stderr, line after line; what is wrong with
@@ -21,12 +19,10 @@ void SilenceDecoders() {
   }
 }
 
-}  // namespace
-
 ImageSequence OpenVideo(const std::filesystem::path& path) {
   SilenceDecoders();
   cv::VideoCapture capture;
-  if (!OpenVideoFile(path, capture)) {
+  if (!internal::OpenVideoFile(path, capture)) {
     ThrowInputError("{}: not a video that can be opened", path.string());
   }
   ImageSequence sequence;
@@ -39,16 +35,22 @@ ImageSequence OpenVideo(const std::filesystem::path& path) {
     const double time_s = 1e-3 * capture.get(cv::CAP_PROP_POS_MSEC);
     stamps_increase = stamps_increase && time_s > last_s;
     last_s = time_s;
-    sequence.frames.push_back(
-        {time_s, fmt::format("{}_{:06d}.png", path.stem().string(), index), {}, index});
+    sequence.frames.push_back({time_s, NameOfVideoFrame(path, index), {}, index});
   }
   if (sequence.frames.empty()) ThrowInputError("{}: the video has no frames", path.string());
   if (!stamps_increase) {
     const double fps = capture.get(cv::CAP_PROP_FPS);
-    const double period_s = fps > 0.0 ? 1.0 / fps : kDefaultPeriodS;
+    const double period_s = fps > 0.0 ? 1.0 / fps : internal::kDefaultPeriodS;
     for (SequenceFrame& frame : sequence.frames) frame.time_s = frame.index * period_s;
   }
   return sequence;
 }
 
-}  // namespace s3lam::internal
+}  // namespace
+
+ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
+                           const FrameRange& range) {
+  return OpenSequence(path, format, range, OpenVideo);
+}
+
+}  // namespace s3lam

@@ -1,5 +1,8 @@
 // What s3-lift writes besides the semantic map.
 
+#include <fmt/format.h>
+
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "pipeline/model_fixture.h"
@@ -110,6 +113,25 @@ TEST_F(LiftFeatures, IgnoreMasksGrowByTheMargin) {
       cv::imread((output() / Listing(output())[0]).string(), cv::IMREAD_UNCHANGED);
   EXPECT_EQ(ignored.at<uint8_t>(50, 64), 0);
   EXPECT_NE(ignored.at<uint8_t>(50, 65), 0);
+}
+
+TEST_F(LiftFeatures, IgnoreMasksOfAVideoGoByTheNamesOfItsFrames) {
+  for (size_t i = 0; i < mask_names_.size(); ++i) {
+    std::filesystem::rename(masks() / mask_names_[i],
+                            masks() / fmt::format("clip_{:06d}.png", 3 * i));
+  }
+  std::vector<std::string> arguments = IgnoreArguments();
+  std::string& sequence = arguments[1];
+  sequence = (inputs_ / "clip.mp4").string();
+  std::ofstream(sequence) << "never decoded";
+  const ProgramResult result = RunTool("s3-lift", arguments);
+  ASSERT_EQ(result.exit_code, kDone) << result.errors;
+  const auto names = Listing(output());
+  ASSERT_EQ(names.size(), mask_names_.size());
+  EXPECT_EQ(names[1], "clip_000003.png.png");
+  sequence = (inputs_ / "other.mp4").string();
+  std::ofstream(sequence) << "never decoded";
+  ExpectRefused(RunTool("s3-lift", arguments), kBadInput, {"other.mp4", "other_000000.png"});
 }
 
 TEST_F(LiftFeatures, IgnoreMasksAndAModelExcludeEachOther) {

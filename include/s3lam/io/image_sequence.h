@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
@@ -53,6 +54,16 @@ struct ImageSequence {
 /// listed image that does not exist, times that do not increase, an empty range.
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
                            const FrameRange& range = {});
+
+/// The same, but what frames a video has is for the caller to say; their numbers and times
+/// included. A program that calls only this one does not load what decodes videos, which takes most
+/// of the time of starting.
+using VideoLister = std::function<ImageSequence(const std::filesystem::path&)>;
+ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
+                           const FrameRange& range, const VideoLister& list_video);
+
+/// Of a frame of a video, counted from 0.
+std::string NameOfVideoFrame(const std::filesystem::path& video, int index);
 
 /// Reads single frames as 8-bit images. A video is decoded forwards: reading its frames out of
 /// order is correct but starts again from its beginning.
