@@ -41,9 +41,10 @@ std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruct
 /// what is left of the cluster supports another with the class's minimum of inliers. What a point
 /// may miss a plane by is its covariance along the normal, for keypoints of `keypoint_sigma_px`,
 /// and the surface's roughness. A plane is one connected patch; patches that are one within their
-/// noise are joined. Where planes of horizontal classes tell which way is up, classes of a known
-/// orientation keep to it, and of planes that fit about equally well the more upright or level one
-/// is taken. Normals point to the cameras. Deterministic in the seed, at any number of threads.
+/// noise are joined. At last each is moved to where most of its inliers lie (RefitRobustly). Where
+/// planes of horizontal classes tell which way is up, classes of a known orientation keep to it,
+/// and of planes that fit about equally well the more upright or level one is taken. Normals point
+/// to the cameras. Deterministic in the seed, at any number of threads.
 void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
                const PlaneOptions& options, uint64_t seed, int num_threads, SemanticMap& map);
 
