@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "s3lam/base/memory.h"
+#include "s3lam/base/error.h"
 #include "s3lam/base/parallel.h"
 
 namespace s3lam {
@@ -22,14 +22,22 @@ size_t ReferenceOf(const Map& map, const MapPoint& point) {
   return 0;
 }
 
-/// Every level is smaller than the one below by the scale factor along both sides.
-void RequireMemoryForPyramids(size_t count, const Camera& camera, double scale_factor) {
-  const double pixels = static_cast<double>(camera.width) * static_cast<double>(camera.height) /
-                        (1.0 - 1.0 / (scale_factor * scale_factor));
-  RequireMemory(static_cast<uint64_t>(static_cast<double>(count) * pixels),
-                fmt::format("holding the images of {} keyframes, to align patches "
-                            "(second_pass.patches.enabled=false does without),",
-                            count));
+size_t NumBytes(const ImagePyramid& pyramid) {
+  size_t bytes = 0;
+  for (const cv::Mat& level : pyramid.levels) bytes += level.total();
+  return bytes;
+}
+
+/// The same pyramid, with its pixels in the room given.
+ImagePyramid CopyTo(std::byte* room, const ImagePyramid& pyramid) {
+  ImagePyramid copy = pyramid;
+  for (cv::Mat& level : copy.levels) {
+    const cv::Mat there(level.size(), CV_8UC1, room);
+    level.copyTo(there);
+    level = there;
+    room += level.total();
+  }
+  return copy;
 }
 
 /// Is the keypoint among those that the grid knows (the ones just added are not looked at)?
@@ -101,14 +109,21 @@ PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& fea
       refiner_(options.patches, feature_options, undistorter),
       pyramids_(static_cast<size_t>(map.num_keyframes())),
       masks_(pyramids_.size()) {
-  RequireMemoryForPyramids(map.AliveKeyframes().size(), undistorter.camera(),
-                           feature_options.scale_factor);
-  ParallelFor(pyramids_.size(), num_threads, [&](size_t k) {
-    const Keyframe& keyframe = map.keyframe(static_cast<int>(k));
-    if (!keyframe.alive) return;
-    const auto frame = static_cast<size_t>(keyframe.frame);
-    pyramids_[k] = BuildPyramid(feature_options, images.read_gray(frame));
-    if (images.read_mask) masks_[k] = images.read_mask(frame);
+  const std::vector<int> alive = map.AliveKeyframes();
+  if (alive.empty()) return;
+  const auto build = [&](int keyframe) {
+    const auto frame = static_cast<size_t>(map.keyframe(keyframe).frame);
+    return BuildPyramid(feature_options, images.read_gray(frame));
+  };
+  const size_t bytes = NumBytes(build(alive.front()));  // All images have the camera's size.
+  pixels_ =
+      ScratchMemory(alive.size() * bytes, fmt::format("images of {} keyframes", alive.size()));
+  ParallelFor(alive.size(), num_threads, [&](size_t i) {
+    const ImagePyramid pyramid = build(alive[i]);
+    S3LAM_CHECK(NumBytes(pyramid) == bytes);
+    pyramids_[alive[i]] = CopyTo(pixels_.data() + i * bytes, pyramid);
+    if (!images.read_mask) return;
+    masks_[alive[i]] = images.read_mask(static_cast<size_t>(map.keyframe(alive[i]).frame));
   });
 }
 

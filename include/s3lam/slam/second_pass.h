@@ -3,6 +3,7 @@
 #include <functional>
 #include <opencv2/core/mat.hpp>
 
+#include "s3lam/base/scratch_memory.h"
 #include "s3lam/slam/mapper.h"
 #include "s3lam/slam/patch_refiner.h"
 
@@ -35,8 +36,9 @@ int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature
 /// again, both ways, points that are the same merged, and what is still free triangulated.
 void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map);
 
-/// Works on the images of the keyframes, which it holds in memory: a pyramid each.
-/// RefineObservations comes first: it estimates the normals of points, which the others need.
+/// Works on the images of the keyframes, which it holds, a pyramid each: in memory, or in a file
+/// where that is too small. RefineObservations comes first: it estimates the normals of points,
+/// which the others need.
 class PatchPass {
  public:
   PatchPass(const SecondPassOptions& options, const FeatureOptions& feature_options,
@@ -85,6 +87,7 @@ class PatchPass {
   const Undistorter& undistorter_;
   int num_threads_;
   PatchRefiner refiner_;
+  ScratchMemory pixels_;                // Of the pyramids.
   std::vector<ImagePyramid> pyramids_;  // By keyframe.
   std::vector<cv::Mat> masks_;          // By keyframe; empty where nothing is masked.
 };
