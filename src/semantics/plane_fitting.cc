@@ -338,7 +338,7 @@ std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruct
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(information);
   constexpr double kMinCondition = 1e-10;
-  const Eigen::Vector3d values = solver.eigenvalues();
+  const Eigen::Vector3d& values = solver.eigenvalues();
   if (!values.allFinite() || !(values[0] > kMinCondition * values[2])) return std::nullopt;
   const Eigen::Matrix3d& vectors = solver.eigenvectors();
   const Eigen::Vector3d variances = sigma_px * sigma_px * values.cwiseInverse();
