@@ -67,7 +67,7 @@ void DrawKeypoints(const Image& image, const SemanticMap& map, const RowOfPoint&
 /// pixels run off to infinity, and far from the axis a distortion folds back into the picture,
 /// which going back from the pixel to the ray shows.
 std::optional<Vector2d> ProjectNear(const Camera& camera, const Vector3d& point_in_camera) {
-  const auto xy = camera.ImageFromCamera(point_in_camera);
+  auto xy = camera.ImageFromCamera(point_in_camera);
   if (!xy) return std::nullopt;
   const Vector2d size(static_cast<double>(camera.width), static_cast<double>(camera.height));
   if (!((xy->cwiseQuotient(size).array() - 0.5).abs().maxCoeff() < 4.0)) return std::nullopt;

@@ -121,7 +121,7 @@ Table PlaneTable(const RunFolder& run, const Measures& measures) {
                                     fmt::format("{}", plane.cluster_id.value()),
                                     fmt::format("{}", plane.inliers.size())};
     const auto measured = std::find_if(measures.planes.begin(), measures.planes.end(),
-                                       [&](const PlaneDistances& p) { return p.id == id; });
+                                       [&id = id](const PlaneDistances& p) { return p.id == id; });
     for (size_t k = 0; k < run.arms.size(); ++k) {
       row.push_back(measured == measures.planes.end()
                         ? kNothing

@@ -83,7 +83,7 @@ class Corruptor {
     if (options_.level <= 0.0) return {};
     WarpBorders();
     Measure();
-    const std::vector<int> missed = MissThings();
+    std::vector<int> missed = MissThings();
     MergeThings();
     SplitThings();
     ConfuseClasses();
