@@ -50,9 +50,11 @@ void PaintShopOrDoor(Painter& p, double x, double width, double floor_height) {
   const double h = std::min(0.85 * floor_height, p.m(rng.Uniform(2.0, 2.4)));
   const double w = std::min(0.5 * width, p.m(rng.Uniform(0.9, 1.8)));
   p.FillRect(x, base - h, w, h, p.AnyColor());
-  for (int i = 0; i < 4; ++i) {
-    p.FillRect(x + w * (0.1 + 0.42 * (i % 2)), base - h * (0.92 - 0.45 * (i / 2)), 0.36 * w,
-               0.36 * h, p.AnyColor());
+  for (const double row : {0.0, 1.0}) {
+    for (const double column : {0.0, 1.0}) {
+      p.FillRect(x + w * (0.1 + 0.42 * column), base - h * (0.92 - 0.45 * row), 0.36 * w, 0.36 * h,
+                 p.AnyColor());
+    }
   }
   const cv::Rect sign(static_cast<int>(x - 0.3 * w), static_cast<int>(base - h - p.m(0.5)),
                       static_cast<int>(1.8 * w), static_cast<int>(p.m(0.42)));

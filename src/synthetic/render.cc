@@ -215,7 +215,7 @@ Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float dither, f
   const double end = std::min(shape.angle_max, std::numbers::pi);
   const float angle = std::atan2(static_cast<float>(local.y()), static_cast<float>(local.x()));
   const double u = (angle - turn) / (end - turn);
-  double v;
+  double v = 0.0;
   if (shape.shape == SurfaceShape::kCylinder) {
     v = (local.z() - shape.z_min) / (shape.z_max - shape.z_min);
     local.z() = 0.0;

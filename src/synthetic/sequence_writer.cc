@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <set>
@@ -45,10 +46,10 @@ const std::vector<int> kFastPng;
 
 // What remains of a frame when its files are written.
 struct FrameRecord {
-  json annotations[2];
-  json truth[2];
+  std::array<json, 2> annotations;
+  std::array<json, 2> truth;
   std::vector<int> missed;
-  size_t num_segments[2] = {0, 0};
+  std::array<size_t, 2> num_segments{};
   size_t num_things = 0;
   size_t num_wrong_class = 0;
 };

@@ -51,7 +51,7 @@ std::optional<Eigen::Vector2d> ProjectInside(const Camera& camera, const Eigen::
   const double max_slope =
       0.75 * std::hypot(camera.width / camera.FocalX(), camera.height / camera.FocalY());
   if (xyz.head<2>().norm() > max_slope * xyz.z()) return std::nullopt;
-  const std::optional<Eigen::Vector2d> xy = camera.ImageFromCamera(xyz);
+  std::optional<Eigen::Vector2d> xy = camera.ImageFromCamera(xyz);
   if (!xy || !InImage(camera, *xy)) return std::nullopt;
   return xy;
 }
