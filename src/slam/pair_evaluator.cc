@@ -70,7 +70,7 @@ std::optional<InitialPair> PairEvaluator::Evaluate(int start, int gap,
     if (auto pair = EvaluateMotion(b_from_a)) pairs.push_back(std::move(*pair));
   }
   if (pairs.empty()) return std::nullopt;
-  const std::optional<InitialPair> best = BestOf(std::move(pairs), RotationOnlyError());
+  std::optional<InitialPair> best = BestOf(std::move(pairs), RotationOnlyError());
   if (!best || static_cast<int>(best->points.size()) < options_.min_points ||
       best->parallax_deg < options_.min_parallax_deg) {
     return std::nullopt;
