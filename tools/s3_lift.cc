@@ -52,7 +52,8 @@ po::options_description Arguments() {
   add("model", po::value<std::string>()->value_name("DIR"), "COLMAP model");
   add("sequence", po::value<std::string>()->value_name("DIR"),
       "instead of a model: write what to ignore in its images, for s3-slam --ignore-masks or "
-      "COLMAP's --ImageReader.mask_path");
+      "COLMAP's --ImageReader.mask_path; of a video, those frames that masks are named after "
+      "(clip.mp4: clip_000000.png)");
   add("ignore-margin", po::value<int>()->default_value(3)->value_name("PX"),
       "around what is ignored [mask px]");
   add("masks", po::value<std::string>()->value_name("DIR"), "panoptic masks");

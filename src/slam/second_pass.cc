@@ -116,8 +116,10 @@ PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& fea
     return BuildPyramid(feature_options, images.read_gray(frame));
   };
   const size_t bytes = NumBytes(build(alive.front()));  // All images have the camera's size.
-  pixels_ =
-      ScratchMemory(alive.size() * bytes, fmt::format("images of {} keyframes", alive.size()));
+  pixels_ = ScratchMemory(alive.size() * bytes,
+                          fmt::format("images of {} keyframes, to align patches "
+                                      "(second_pass.patches.enabled=false does without)",
+                                      alive.size()));
   ParallelFor(alive.size(), num_threads, [&](size_t i) {
     const ImagePyramid pyramid = build(alive[i]);
     S3LAM_CHECK(NumBytes(pyramid) == bytes);
