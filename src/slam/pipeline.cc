@@ -42,23 +42,47 @@ std::vector<FrameFeatures> ExtractAll(const Options& options, const Input& input
   return frames;
 }
 
-/// One map, or several where the sequence falls apart.
-Submaps BuildMaps(const Options& options, const MapBuilderFactory& make_builder, Steps& steps,
-                  RunState& state) {
+/// One map, or several where the sequence falls apart; `keep` is called between frames.
+Submaps BuildMaps(const Options& options, const MapBuilderFactory& make_builder,
+                  const RunState& state, const std::function<void()>& keep,
+                  SubmapsUnderWay& tracking) {
   Progress progress("tracking", static_cast<int64_t>(state.frames.size()));
   const auto after_frame = [&] {
-    int done = state.tracking.growing->NumTracked();
-    for (const auto& map : state.tracking.maps) done += map->NumTracked();
-    progress.Update(done,
-                    fmt::format("{} keyframes", state.tracking.growing->map().num_keyframes()));
-    steps.KeepNowAndThen();
+    int done = tracking.growing->NumTracked();
+    for (const auto& map : tracking.maps) done += map->NumTracked();
+    progress.Update(done, fmt::format("{} keyframes", tracking.growing->map().num_keyframes()));
+    keep();
   };
-  Submaps maps = BuildSubmaps(options.submaps, options.initializer, state.frames, state.undistorter,
-                              options.num_threads, make_builder, after_frame, state.tracking);
-  if (!maps.empty()) return maps;
-  throw InputError(
-      "no pair of frames gives a map to start from: too few matches or no parallax (is the camera "
-      "moving, are the calibration and the order of the images right?)");
+  return BuildSubmaps(options.submaps, options.initializer, state.frames, state.undistorter,
+                      options.num_threads, make_builder, after_frame, tracking);
+}
+
+void AdjustMaps(const Options& options, const Submaps& maps) {
+  for (const auto& builder : maps) {
+    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
+  }
+}
+
+/// Maps of the whole sequence from another start, where these are refuted.
+void MapAgain(const Options& options, const MapBuilderFactory& make_builder,
+              const Vocabulary& vocabulary, RunState& state) {
+  MappedSequence mapped{std::move(state.maps), state.report.num_merged_maps};
+  const auto map_from = [&](const FrameSpan& start) {
+    MappedSequence again;
+    SubmapsUnderWay tracking;
+    tracking.start = start;
+    again.maps = BuildMaps(
+        options, make_builder, state, [] {}, tracking);
+    again.num_merged = MergeSubmaps(options.submaps, options.loops, vocabulary, state.undistorter,
+                                    options.global_rounds, options.num_threads, again.maps);
+    AdjustMaps(options, again.maps);
+    return again;
+  };
+  state.report.remapping =
+      MapAgainWhereRefuted(options.remapping, state.undistorter, options.num_threads,
+                           state.frames.size(), map_from, mapped);
+  state.maps = std::move(mapped.maps);
+  state.report.num_merged_maps = mapped.num_merged;
 }
 
 /// Maps of the whole sequence, merged where they meet, and adjusted.
@@ -68,7 +92,13 @@ void MapSequence(const Options& options, const MapBuilderFactory& make_builder,
   steps.Do([&] {
     const ScopedStep step(seconds, "tracking and mapping");
     state.maps.clear();
-    state.maps = BuildMaps(options, make_builder, steps, state);
+    state.maps = BuildMaps(
+        options, make_builder, state, [&] { steps.KeepNowAndThen(); }, state.tracking);
+    if (state.maps.empty()) {
+      throw InputError(
+          "no pair of frames gives a map to start from: too few matches or no parallax (is the "
+          "camera moving, are the calibration and the order of the images right?)");
+    }
     state.tracking = {};
   });
   steps.Do([&] {
@@ -79,9 +109,11 @@ void MapSequence(const Options& options, const MapBuilderFactory& make_builder,
   });
   steps.Do([&] {
     const ScopedStep step(seconds, "global bundle adjustment");
-    for (const auto& builder : state.maps) {
-      builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
-    }
+    AdjustMaps(options, state.maps);
+  });
+  steps.Do([&] {
+    const ScopedStep step(seconds, "mapping again where refuted");
+    MapAgain(options, make_builder, vocabulary, state);
   });
 }
 
@@ -166,9 +198,7 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
   report.parts_sigma = 0.0;
   spdlog::info("focal length refined to {:.2f} +- {:.2f} px", report.refined, report.noise_sigma);
   ChangeCamera(refined->camera, options.num_threads, frames, undistorter);
-  for (const auto& builder : maps) {
-    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
-  }
+  AdjustMaps(options, maps);
 }
 
 /// Maps the whole sequence anew as long as that changes the camera.
@@ -204,9 +234,7 @@ void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
   report.distortion_cost_share = calibration.cost_decrease;
   if (!calibration.accepted) return;
   ChangeCamera(calibration.camera, options.num_threads, frames, undistorter);
-  for (const auto& builder : maps) {
-    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
-  }
+  AdjustMaps(options, maps);
 }
 
 /// Poses of the frames in a final map: keyframes as they are, others refined against it, by patches
@@ -319,8 +347,9 @@ Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>
 
 void Options::Visit(OptionVisitor& v) {
   v.Choice("accuracy", accuracy, kAccuracyNames,
-           "fast leaves out the keyframes' additional keypoints, the alignment of patches and the "
-           "refinement of the lens distortion, and lowers tracker.keyframe_ratio to 0.75 and "
+           "fast leaves out the keyframes' additional keypoints, the alignment of patches, the "
+           "refinement of the lens distortion and other starts, and lowers tracker.keyframe_ratio "
+           "to 0.75 and "
            "tracker.min_coverage to 0.7 at the most");
   v.Group("features", features, "keypoints");
   v.Group("initializer", initializer, "the pair of frames that the map starts from");
@@ -328,6 +357,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("mapper", mapper, "growing and pruning the map");
   v.Group("vocabulary", vocabulary, "words for recognising places, learnt from the sequence");
   v.Group("submaps", submaps, "maps begun anew where tracking was lost, and their merging");
+  v.Group("remapping", remapping, "other starts where two views refute the map");
   v.Group("loops", loops, "places seen before");
   v.Group("second_pass", second_pass, "what knowing the whole map adds");
   v.Group("focal_search", focal_search, "of a camera that is not known");
@@ -342,6 +372,7 @@ void Options::Visit(OptionVisitor& v) {
 Options Effective(const Options& options) {
   Options result = options;
   if (options.accuracy == Accuracy::kFast) {
+    result.remapping.max_attempts = 0;
     result.second_pass.keyframe_features = 0;
     result.second_pass.patches.enabled = false;
     result.self_calibration.enabled = false;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "s3lam/slam/two_view_check.h"
+
 namespace s3lam::slam {
 namespace {
 
@@ -11,7 +13,6 @@ constexpr int kEnoughInliers = 60;
 constexpr double kEnoughSpread = 0.5;
 constexpr double kMaxRelativeFocalSigma = 0.02;
 constexpr double kCommonFocalSigma = 0.01;  // A choice; between parts nothing shows it.
-constexpr double kRefuted = 0.04;           // Right maps stay below a quarter of this.
 constexpr double kGoodTrust = 0.5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 
@@ -155,7 +156,7 @@ bool FocalReport::IsDetermined() const { return Sigma() <= kMaxRelativeFocalSigm
 double FrameTrust(const FrameReport& frame) {
   return std::min(1.0, static_cast<double>(frame.num_inliers) / kEnoughInliers) *
          std::min(1.0, frame.spread / kEnoughSpread) / std::max(1.0, frame.rms_sigma) *
-         std::max(0.0, 1.0 - frame.contradiction / kRefuted);
+         (1.0 - Refutation(frame.contradiction));
 }
 
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames) {
@@ -195,6 +196,10 @@ nlohmann::json ToJson(const Report& report) {
           {"loops_closed", main.loops.closed.size()},
           {"maps", maps},
           {"maps_merged", report.num_merged_maps},
+          {"mapped_again",
+           {{"attempts", report.remapping.attempts},
+            {"doubt_before", report.remapping.doubt_before},
+            {"doubt", report.remapping.doubt}}},
           {"camera_was_refined", report.camera_was_refined},
           {"distortion_cost_share", report.distortion_cost_share},
           {"focal_length", report.focal ? ToJson(*report.focal) : nlohmann::json()},

@@ -20,8 +20,8 @@ void TransferCamera(A& archive, Camera& camera) {
 template <typename A>
 void TransferReport(A& archive, Report& report) {
   bool has_focal = report.focal.has_value();
-  archive(report.num_merged_maps, report.camera_was_refined, report.distortion_cost_share,
-          has_focal);
+  archive(report.remapping, report.num_merged_maps, report.camera_was_refined,
+          report.distortion_cost_share, has_focal);
   if (!has_focal) return;
   if constexpr (A::kReads) report.focal.emplace();
   archive(*report.focal);

@@ -8,20 +8,13 @@
 namespace s3lam {
 namespace {
 
-/// Frames [begin, end).
-struct Stretch {
-  int begin = 0;
-  int end = 0;
-  [[nodiscard]] int size() const { return end - begin; }
-};
-
 /// The longest run of frames that are not set.
-Stretch LongestFree(const std::vector<uint8_t>& is_set) {
-  Stretch best;
+FrameSpan LongestFree(const std::vector<uint8_t>& is_set) {
+  FrameSpan best;
   int begin = 0;
   for (int i = 0; i <= static_cast<int>(is_set.size()); ++i) {
     if (i < static_cast<int>(is_set.size()) && is_set[i] == 0) continue;
-    if (i - begin > best.size()) best = {begin, i};
+    if (i - begin > best.Length()) best = {begin, i};
     begin = i + 1;
   }
   return best;
@@ -38,11 +31,11 @@ std::vector<uint8_t> TakenFrames(const Submaps& maps, size_t num_frames) {
 }
 
 std::optional<InitialPair> FindPairIn(const InitializerOptions& options,
-                                      const std::vector<FrameFeatures>& frames, Stretch stretch,
+                                      const std::vector<FrameFeatures>& frames, FrameSpan stretch,
                                       const Undistorter& undistorter, int num_threads) {
   auto pair = FindInitialPair(options,
                               std::span(frames).subspan(static_cast<size_t>(stretch.begin),
-                                                        static_cast<size_t>(stretch.size())),
+                                                        static_cast<size_t>(stretch.Length())),
                               undistorter, num_threads);
   if (!pair) return std::nullopt;
   pair->frame_a += stretch.begin;
@@ -135,9 +128,11 @@ Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& ini
   is_done.resize(frames.size(), 0);
   while (true) {
     if (under_way.growing == nullptr) {
-      const Stretch free = LongestFree(is_done);
-      if (free.size() == 0 || (free.size() < options.min_frames && !maps.empty())) break;
+      const bool is_given = maps.empty() && under_way.start.Length() > 0;
+      const FrameSpan free = is_given ? under_way.start : LongestFree(is_done);
+      if (free.Length() == 0 || (free.Length() < options.min_frames && !maps.empty())) break;
       const auto pair = FindPairIn(initializer, frames, free, undistorter, num_threads);
+      if (!pair && is_given) return {};
       if (!pair) {
         std::fill(is_done.begin() + free.begin, is_done.begin() + free.end, 1);
         continue;

@@ -19,6 +19,7 @@ constexpr std::array<size_t, 3> kSteps{2, 4, 8};
 constexpr int kMotionFreedoms = 5;
 constexpr double kChi2 = 3.841;  // 95 %, 1 degree of freedom.
 constexpr double kDescriptorRatio = 0.8;
+constexpr double kRefutes = 0.04;  // Contradiction that leaves nothing to a map.
 constexpr double kRansacThresholdPx = 2.0;
 
 /// Keypoints of two keyframes that look alike.
@@ -128,6 +129,8 @@ std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, cons
   std::erase_if(checks, [&](const auto& check) { return check.num_matches < options.min_matches; });
   return checks;
 }
+
+double Refutation(double contradiction) { return std::min(1.0, contradiction / kRefutes); }
 
 std::vector<double> ContradictionOfFrames(const std::vector<TwoViewCheck>& checks,
                                           size_t num_frames) {

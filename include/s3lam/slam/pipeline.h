@@ -16,6 +16,7 @@
 #include "s3lam/slam/focal_search.h"
 #include "s3lam/slam/initializer.h"
 #include "s3lam/slam/mapper.h"
+#include "s3lam/slam/remapping.h"
 #include "s3lam/slam/report.h"
 #include "s3lam/slam/second_pass.h"
 #include "s3lam/slam/submaps.h"
@@ -35,6 +36,7 @@ struct Options {
   MapperOptions mapper;
   VocabularyOptions vocabulary;
   SubmapOptions submaps;
+  RemappingOptions remapping;
   LoopClosingOptions loops;
   SecondPassOptions second_pass;
   FocalSearchOptions focal_search;
@@ -86,7 +88,8 @@ struct Result {
 /// Monocular keyframe SLAM over a whole sequence:
 ///   extract features -> learn a vocabulary from them -> if the camera is a guess, look for its
 ///   focal length on a stretch of frames -> from an initial pair, track and map, both
-///   ways; start over where that gets lost for good -> merge maps that meet -> close loops ->
+///   ways; start over where that gets lost for good -> merge maps that meet -> map again
+///   from elsewhere where two views refute the map -> close loops ->
 ///   adjust and match again -> localise every frame in the final maps -> export.
 /// Throws InputError if no map can be started or images do not fit the camera.
 Result Run(const Options& options, const Input& input);

@@ -7,6 +7,7 @@
 
 #include "s3lam/base/timer.h"
 #include "s3lam/slam/loop_closer.h"
+#include "s3lam/slam/remapping.h"
 #include "s3lam/slam/stops.h"
 
 namespace s3lam::slam {
@@ -75,6 +76,7 @@ struct FocalReport {
 struct Report {
   int num_frames = 0;                // Of the sequence.
   std::vector<MapReport> maps;       // As Result::models: the largest first.
+  RemappingReport remapping;         // Other starts, where two views refuted the maps.
   int num_merged_maps = 0;           // Maps that were begun apart and became part of another.
   std::optional<FocalReport> focal;  // Unless the camera was known.
   bool camera_was_refined = false;

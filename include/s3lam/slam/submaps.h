@@ -24,17 +24,25 @@ using Submaps = std::vector<std::unique_ptr<MapBuilder>>;
 /// Makes a MapBuilder; the argument says which frames are taken.
 using MapBuilderFactory = std::function<std::unique_ptr<MapBuilder>(std::vector<uint8_t>)>;
 
+/// Frames [begin, end) of a sequence.
+struct FrameSpan {
+  int begin = 0;
+  int end = 0;
+  [[nodiscard]] int Length() const { return end - begin; }
+};
+
 /// Maps of a sequence on the way.
 struct SubmapsUnderWay {
   Submaps maps;                         // Complete ones.
   std::unique_ptr<MapBuilder> growing;  // Null between two maps.
   std::vector<uint8_t> is_done;         // Per frame: localised in those, or tried in vain.
+  FrameSpan start;                      // Of the first map; anywhere if empty.
 };
 
 /// Builds a map from the best initial pair of the sequence, then others in the stretches that could
 /// not be localised in the maps so far, as long as they give one of some size. Empty if no pair of
-/// frames gives a map. Goes on from `under_way`, which is empty at the start; `after_frame` is
-/// called whenever one more frame is in a map.
+/// frames, or none within `under_way.start`, gives a map. Goes on from `under_way`, which is empty
+/// at the start; `after_frame` is called whenever one more frame is in a map.
 Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& initializer,
                      const std::vector<FrameFeatures>& frames, const Undistorter& undistorter,
                      int num_threads, const MapBuilderFactory& make_builder,

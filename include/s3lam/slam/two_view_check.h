@@ -34,6 +34,10 @@ struct TwoViewCheck {
 std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, const Map& map,
                                         const Undistorter& undistorter, int num_threads);
 
+/// In [0, 1]: how surely a contradiction tells that a map is wrong. Those of right maps stay below
+/// a quarter of what refutes for sure.
+double Refutation(double contradiction);
+
 /// Per frame of the sequence, the largest contradiction of the pairs that lie around it, or 0.
 std::vector<double> ContradictionOfFrames(const std::vector<TwoViewCheck>& checks,
                                           size_t num_frames);

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include "s3lam/base/options.h"
+#include "s3lam/slam/submaps.h"
+#include "s3lam/slam/two_view_check.h"
+
+namespace s3lam {
+
+struct RemappingOptions {
+  int max_attempts = 2;
+  double max_doubt = 0.05;
+  int min_matches = 100;
+
+  void Visit(OptionVisitor& v);
+};
+
+/// All maps of a sequence, merged where they meet and adjusted.
+struct MappedSequence {
+  Submaps maps;
+  int num_merged = 0;
+};
+
+struct RemappingReport {
+  int attempts = 0;           // Times the sequence was mapped again.
+  double doubt_before = 0.0;  // Part of the frames in doubt, of the maps as they were
+  double doubt = 0.0;         // and of those that stayed.
+};
+
+/// Maps a sequence, the first map from an initial pair within the given frames; empty if there is
+/// none.
+using MapFrom = std::function<MappedSequence(const FrameSpan& start)>;
+
+/// Per frame, in [0, 1]: 1 where it is in no map or its map is refuted by pairs of keyframes around
+/// it, see Refutation. Few matches, between views far apart, refute the exactness of a map; that it
+/// is wrong is said by pairs with at least `min_matches`.
+std::vector<double> DoubtsOfFrames(int min_matches, const Submaps& maps,
+                                   const Undistorter& undistorter, int num_threads,
+                                   size_t num_frames);
+
+/// Where the maps leave too many frames in doubt, maps the sequence again, from the longest
+/// stretches of frames without doubt: a bad start, a turn on the spot or a large object passing by
+/// bend a map for good, but not every one that was begun elsewhere. Those that leave clearly
+/// less doubt stay.
+RemappingReport MapAgainWhereRefuted(const RemappingOptions& options,
+                                     const Undistorter& undistorter, int num_threads,
+                                     size_t num_frames, const MapFrom& map_from,
+                                     MappedSequence& mapped);
+
+}  // namespace s3lam

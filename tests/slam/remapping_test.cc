@@ -1,0 +1,110 @@
+#include "s3lam/slam/remapping.h"
+
+#include <gtest/gtest.h>
+
+#include "slam/slam_fixture.h"
+
+namespace s3lam {
+namespace {
+
+/// A camera moving sideways past a cloud of points, and maps with a keyframe at every frame.
+class RemappingTest : public ::testing::Test {
+ protected:
+  RemappingTest() : undistorter_(testing::MakeTestCamera(CameraModel::kPinhole)) {
+    const testing::PointCloud cloud = testing::MakeCloud(400, /*planar=*/false, 5);
+    Rng rng(6);
+    for (int i = 0; i < kFrames; ++i) {
+      frames_.push_back(testing::SeeCloud(cloud, Truth(i), undistorter_, 0.3, rng));
+    }
+    vocabulary_ = std::make_unique<Vocabulary>(VocabularyOptions{}, frames_);
+  }
+
+  static Rigid3 Truth(int frame) {
+    Rigid3 pose;
+    pose.translation = Eigen::Vector3d(-0.04 * frame, 0.01 * frame, 0.0);
+    return pose;
+  }
+
+  /// One map that takes a wrong turn at a frame, and one more at `second`.
+  MappedSequence Mapped(int first = kFrames, int second = kFrames) {
+    const Rigid3 turn{Eigen::Quaterniond(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX())),
+                      Eigen::Vector3d::Zero()};
+    auto builder =
+        std::make_unique<MapBuilder>(TrackerOptions{}, MapperOptions{}, FeatureOptions{}, frames_,
+                                     undistorter_, *vocabulary_, std::vector<uint8_t>());
+    Rigid3 bent;
+    for (int i = 0; i < kFrames; ++i) {
+      if (i == first || i == second) bent = turn * bent;
+      builder->map().AddKeyframe(i, bent * Truth(i));
+      builder->tracks()[static_cast<size_t>(i)].tracked = true;
+    }
+    MappedSequence mapped;
+    mapped.maps.push_back(std::move(builder));
+    return mapped;
+  }
+
+  RemappingReport MapAgain(const MapFrom& map_from, MappedSequence& mapped) {
+    return MapAgainWhereRefuted({}, undistorter_, 1, kFrames, map_from, mapped);
+  }
+
+  static constexpr int kFrames = 48;
+  Undistorter undistorter_;
+  std::vector<FrameFeatures> frames_;
+  std::unique_ptr<Vocabulary> vocabulary_;
+};
+
+TEST_F(RemappingTest, ARightMapIsLeftAlone) {
+  MappedSequence mapped = Mapped();
+  const MapBuilder* const before = mapped.maps.front().get();
+  const RemappingReport report = MapAgain(
+      [](const FrameSpan&) -> MappedSequence {
+        ADD_FAILURE() << "mapped again";
+        return {};
+      },
+      mapped);
+  EXPECT_EQ(report.attempts, 0);
+  EXPECT_LT(report.doubt_before, 0.05);
+  EXPECT_EQ(mapped.maps.front().get(), before);
+}
+
+TEST_F(RemappingTest, ABentMapGivesWayToOneFromItsLongestStraightPart) {
+  MappedSequence mapped = Mapped(16);
+  std::vector<FrameSpan> starts;
+  const RemappingReport report = MapAgain(
+      [&](const FrameSpan& start) {
+        starts.push_back(start);
+        MappedSequence again = Mapped();
+        again.num_merged = 3;
+        return again;
+      },
+      mapped);
+  ASSERT_EQ(starts.size(), 1U);
+  EXPECT_GT(starts[0].begin, 16);
+  EXPECT_EQ(starts[0].end, kFrames);
+  EXPECT_EQ(report.attempts, 1);
+  EXPECT_GT(report.doubt_before, 0.2);
+  EXPECT_LT(report.doubt, 0.05);
+  EXPECT_EQ(mapped.num_merged, 3);
+}
+
+TEST_F(RemappingTest, WhatIsNoBetterIsNotTaken) {
+  MappedSequence mapped = Mapped(24);
+  const MapBuilder* const before = mapped.maps.front().get();
+  int calls = 0;
+  const RemappingReport report = MapAgain(
+      [&](const FrameSpan&) { return ++calls == 1 ? MappedSequence() : Mapped(14, 34); }, mapped);
+  EXPECT_EQ(report.attempts, 2);
+  EXPECT_EQ(report.doubt, report.doubt_before);
+  EXPECT_EQ(mapped.maps.front().get(), before);
+}
+
+TEST_F(RemappingTest, FramesInNoMapAreInDoubt) {
+  const MappedSequence mapped = Mapped();
+  mapped.maps.front()->tracks()[3].tracked = false;
+  const std::vector<double> doubts = DoubtsOfFrames(100, mapped.maps, undistorter_, 1, kFrames);
+  EXPECT_EQ(doubts[3], 1.0);
+  EXPECT_LT(doubts[4], 0.5);
+}
+
+}  // namespace
+}  // namespace s3lam
