@@ -17,6 +17,8 @@ namespace {
 /// A pixel of the border must come back from its ray to within this [px].
 constexpr double kRoundTrip = 0.01;
 constexpr int kBorderSteps = 8;
+/// Part of the reprojection cost that another distortion removes if the given one is in doubt.
+constexpr double kDoubtfulShare = 0.04;
 constexpr size_t kMaxChecked = 5;  // Cameras, each of which takes about a second.
 
 /// One problem camera for all of a model and size; the others are left without poses.
@@ -192,6 +194,8 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, B
 
 std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, double sigma_px,
                                               const BundleMap& map) {
+  SelfCalibrationOptions check;
+  check.min_cost_decrease = kDoubtfulShare;
   std::vector<IntrinsicsReport> reports;
   for (const size_t c : MostUsedCameras(options, map.problem)) {
     const Camera& camera = map.problem.cameras[c];
@@ -200,7 +204,7 @@ std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, 
     report.model = report.model_after = CameraModelName(camera.model);
     report.before = report.after = camera.params;
     const SelfCalibrationReport refined =
-        RefineDistortion({}, camera, ProblemOfCamera(map.problem, c, sigma_px));
+        RefineDistortion(check, camera, ProblemOfCamera(map.problem, c, sigma_px));
     report.distortion_cost_share = refined.cost_decrease;
     report.distortion_is_doubtful = refined.accepted;
     if (report.distortion_is_doubtful) {
