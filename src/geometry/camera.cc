@@ -38,6 +38,27 @@ int CameraModelNumDistortion(CameraModel model) {
   return CameraModelNumParams(model) - (CameraModelHasSingleFocal(model) ? 3 : 4);
 }
 
+std::vector<int> CameraModelRadialParams(CameraModel model) {
+  switch (model) {
+    case CameraModel::kSimplePinhole:
+    case CameraModel::kPinhole:
+      return {};
+    case CameraModel::kSimpleRadial:
+      return {3};
+    case CameraModel::kRadial:
+      return {3, 4};
+    case CameraModel::kOpenCv:
+      return {4, 5};
+    case CameraModel::kOpenCvFisheye:
+      return {4, 5, 6, 7};
+    case CameraModel::kFullOpenCv:
+      return {4, 5, 8};
+    case CameraModel::kFov:
+      return {4};
+  }
+  return {};
+}
+
 std::optional<CameraModel> CameraModelFromName(std::string_view name) {
   for (int id = 0; id < kNumCameraModels; ++id) {
     if (kModels[static_cast<size_t>(id)].name == name) return static_cast<CameraModel>(id);

@@ -46,29 +46,6 @@ struct ReprojectionError {
 };
 
 /// All but focal lengths and principal point.
-/// What says how far from the centre a ray goes through the image. Tangential terms stay as they
-/// are: freed, they take up what bends in the map more than what the lens does.
-std::vector<int> RadialParams(CameraModel model) {
-  switch (model) {
-    case CameraModel::kSimplePinhole:
-    case CameraModel::kPinhole:
-      return {};
-    case CameraModel::kSimpleRadial:
-      return {3};
-    case CameraModel::kRadial:
-      return {3, 4};
-    case CameraModel::kOpenCv:
-      return {4, 5};
-    case CameraModel::kOpenCvFisheye:
-      return {4, 5, 6, 7};
-    case CameraModel::kFullOpenCv:
-      return {4, 5, 8};
-    case CameraModel::kFov:
-      return {4};
-  }
-  return {};
-}
-
 /// Points with the longest tracks, of a least length, until there are enough observations; true per
 /// chosen point.
 std::vector<uint8_t> ChoosePoints(const CalibrationProblem& problem, int max_observations,
@@ -356,7 +333,8 @@ SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, co
   adjustment.FreeCamera({});
   const auto held = adjustment.Solve();
   if (!held || *held <= 0.0) return report;
-  adjustment.FreeCamera(RadialParams(adjustment.camera().model));
+  // Tangential terms, freed, take up what bends in the map more than what the lens does.
+  adjustment.FreeCamera(CameraModelRadialParams(adjustment.camera().model));
   const auto refined = adjustment.Solve();
   if (!refined) return report;
   report.cost_decrease = 1.0 - *refined / *held;

@@ -124,7 +124,10 @@ void IntrinsicsOptions::Visit(OptionVisitor& v) {
   v.Value("focal_length", focal_length, "refine focal lengths");
   v.Value("principal_point", principal_point, "refine principal points");
   v.Value("distortion", distortion,
-          "refine what the camera models have of distortion; pinhole models become OPENCV");
+          "refine the radial distortion that camera models have; pinhole models become OPENCV");
+  v.Value("tangential", tangential,
+          "with it the other terms of distortion too, which take up what bends in a map more than "
+          "what lenses do");
   v.Value("shared", shared,
           "all cameras of one model and image size are one, starting as the first of them");
   v.Value(
@@ -146,13 +149,15 @@ void IntrinsicsOptions::Visit(OptionVisitor& v) {
 
 std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel model) {
   const int num_focal = CameraModelHasSingleFocal(model) ? 1 : 2;
+  const std::vector<int> radial = CameraModelRadialParams(model);
   std::vector<int> params;
   for (int i = 0; i < CameraModelNumParams(model); ++i) {
     const bool is_focal = i < num_focal;
     const bool is_principal = !is_focal && i < num_focal + 2;
+    const bool is_radial = std::find(radial.begin(), radial.end(), i) != radial.end();
     const bool wanted = is_focal       ? options.focal_length
                         : is_principal ? options.principal_point
-                                       : options.distortion;
+                                       : options.distortion && (is_radial || options.tangential);
     if (wanted) params.push_back(i);
   }
   return params;

@@ -21,6 +21,8 @@ TEST(RefineIntrinsics, ParametersAreChosenByTheirMeaning) {
   EXPECT_EQ(RefinedParams(focal, CameraModel::kOpenCv), Params({0, 1}));
   EXPECT_EQ(RefinedParams(rest, CameraModel::kSimplePinhole), Params({1, 2}));
   EXPECT_EQ(RefinedParams(rest, CameraModel::kFov), Params({2, 3, 4}));
+  EXPECT_EQ(RefinedParams(rest, CameraModel::kFullOpenCv), Params({2, 3, 4, 5, 8}));
+  rest.tangential = true;
   EXPECT_EQ(RefinedParams(rest, CameraModel::kFullOpenCv),
             Params({2, 3, 4, 5, 6, 7, 8, 9, 10, 11}));
   EXPECT_TRUE(RefinedParams({}, CameraModel::kOpenCv).empty());

@@ -36,6 +36,9 @@ bool CameraModelHasSingleFocal(CameraModel model);
 
 /// Parameters of a camera model beyond focal lengths and principal point.
 int CameraModelNumDistortion(CameraModel model);
+/// Those of them that say how far from the centre a ray goes through the image, by their indices;
+/// of FULL_OPENCV the polynomial's. The others are tangential, or a denominator's.
+std::vector<int> CameraModelRadialParams(CameraModel model);
 
 /// Projects a point in camera coordinates (z > 0) to pixels (COLMAP's convention: the centre of the
 /// first pixel is (0.5, 0.5)). Formulas as in COLMAP and OpenCV: distortion of the normalised

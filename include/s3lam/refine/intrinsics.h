@@ -13,6 +13,7 @@ struct IntrinsicsOptions {
   bool focal_length = false;
   bool principal_point = false;
   bool distortion = false;
+  bool tangential = false;  // As well, if the distortion is refined.
   bool shared = false;
   bool check_distortion = true;
   std::vector<std::string> cameras;
