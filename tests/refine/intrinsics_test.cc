@@ -169,8 +169,9 @@ TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
   EXPECT_EQ(kept.model.cameras.begin()->second.model, CameraModel::kPinhole);
   EXPECT_NE(ToTable(told).find("another lens distortion"), std::string::npos);
   Output refined;
-  const Report report =
-      refine::Run(MakeOptions({"planes.mode=off", "intrinsics.distortion=true"}), input, refined);
+  const Report report = refine::Run(
+      MakeOptions({"planes.mode=off", "intrinsics.distortion=true", "intrinsics.tangential=true"}),
+      input, refined);
   ASSERT_EQ(report.cameras.size(), 1u);
   EXPECT_TRUE(report.cameras[0].refined) << report.cameras[0].reason;
   EXPECT_EQ(report.cameras[0].model_after, "OPENCV");
