@@ -31,6 +31,7 @@ ARMS = {
     "longer tracks by patches": ["second_pass.extend_tracks=false"],
     "sub-pixel refinement of frames that are no keyframes": ["second_pass.align_frames=false"],
     "repeated adjustment and outlier removal": ["global_rounds=1"],
+    "other starts where two views refute the map": ["remapping.max_attempts=0"],
     "check against keyframes matched without the map": ["two_view_check.enabled=false"],
     "refinement of the distortion": ["self_calibration.enabled=false"],
     "the whole second pass": ["second_pass.rounds=0", "second_pass.patches.enabled=false",
