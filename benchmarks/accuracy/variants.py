@@ -185,7 +185,7 @@ def main():
                         rows.append(measure(programs, name, variant, arguments,
                                             pathlib.Path(work), pool))
                 print(f"\n{name}:\n\n{tables.markdown(header, rows)}", flush=True)
-    except stages.StageFailed as error:
+    except (stages.StageFailed, OSError) as error:
         sys.exit(str(error))
 
 

@@ -45,7 +45,6 @@ struct ReprojectionError {
   }
 };
 
-/// All but focal lengths and principal point.
 /// Points with the longest tracks, of a least length, until there are enough observations; true per
 /// chosen point.
 std::vector<uint8_t> ChoosePoints(const CalibrationProblem& problem, int max_observations,

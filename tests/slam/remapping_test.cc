@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <memory>
+
 #include "slam/slam_fixture.h"
 
 namespace s3lam {
