@@ -1,8 +1,19 @@
 #include "s3lam/base/statistics.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace s3lam {
+
+double UpperQuantile(std::vector<double> values, double share) {
+  if (values.empty()) return 0.0;
+  const auto place =
+      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
+  std::nth_element(values.begin(), place, values.end());
+  return *place;
+}
+
+double RayleighQuantile(double share) { return std::sqrt(-2.0 * std::log(1.0 - share)); }
 
 double ResidualCorrection(size_t track_length) {
   const double residuals = 2.0 * static_cast<double>(track_length);

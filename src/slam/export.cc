@@ -141,6 +141,7 @@ MapReport DescribeMap(const Model& model, const MapBuilder& builder,
         static_cast<double>(report.num_observations) / static_cast<double>(report.num_points);
   }
   report.rms_px = ComputeReprojectionStatistics(model.reconstruction).rms_px;
+  report.aligned_sigmas_px = builder.map().aligned_sigmas();
   for (int i = 0; i < static_cast<int>(localized.size()); ++i) {
     if (!localized[i].tracked) continue;
     if (report.first_frame < 0) report.first_frame = i;

@@ -123,7 +123,7 @@ void FrameFeatures::Move(int i, const Eigen::Vector2d& pixel, const Eigen::Vecto
                          double sigma) {
   keypoints_[i].pixel = pixel.cast<float>();
   keypoints_[i].undistorted = undistorted.cast<float>();
-  keypoints_[i].sigma = static_cast<float>(sigma);
+  SetSigma(i, sigma);
 }
 
 int FrameFeatures::Column(double x) const {

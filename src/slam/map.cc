@@ -16,6 +16,7 @@ Map& Map::operator=(const Map& other) {
   level_sigmas_ = other.level_sigmas_;
   keyframes_ = other.keyframes_;
   points_ = other.points_;
+  aligned_sigmas_ = other.aligned_sigmas_;
   return *this;
 }
 

@@ -47,7 +47,7 @@ class ProblemBuilder {
   BaProblem& problem() { return problem_; }
 
   /// Writes the solution back and removes observations that do not fit it; returns how many.
-  int Apply(Map& map) const {
+  int Apply(double max_squared_error, Map& map) const {
     for (size_t i = 0; i < keyframes_.size(); ++i) {
       if (problem_.pose_is_fixed[i] == 0) map.SetPose(keyframes_[i], problem_.poses[i]);
     }
@@ -56,7 +56,7 @@ class ProblemBuilder {
     for (const BaObservation& o : problem_.observations) {
       const double error = SquaredError(problem_.camera, problem_.poses[o.pose],
                                         problem_.points[o.point], o.xy, o.inverse_sigma);
-      if (error <= kChi2 || !map.point(points_[o.point]).alive) continue;
+      if (error <= max_squared_error || !map.point(points_[o.point]).alive) continue;
       map.RemoveObservation(points_[o.point], keyframes_[o.pose]);
       ++removed;
     }
@@ -337,7 +337,7 @@ void Mapper::AdjustLocally(Map& map, int keyframe) const {
   for (const int k : local) builder.AddKeyframe(k, k == 0);
   for (const int point : PointsOf(map, local)) builder.AddPoint(point);
   AdjustBundle(options_.local_ba, builder.problem());
-  builder.Apply(map);
+  builder.Apply(kChi2, map);
 }
 
 void Mapper::CullKeyframes(Map& map, int keyframe) const {
@@ -361,7 +361,7 @@ void Mapper::CullKeyframes(Map& map, int keyframe) const {
   }
 }
 
-void Mapper::AdjustGlobally(Map& map, int rounds, int num_threads) const {
+void Mapper::AdjustGlobally(Map& map, int rounds, int num_threads, double max_sigma) const {
   for (int round = 0; round < rounds; ++round) {
     ProblemBuilder builder(map, undistorter_);
     for (int k = 0; k < map.num_keyframes(); ++k) {
@@ -373,7 +373,7 @@ void Mapper::AdjustGlobally(Map& map, int rounds, int num_threads) const {
     BundleAdjustmentOptions options = options_.global_ba;
     options.num_threads = num_threads;
     AdjustBundle(options, builder.problem());
-    if (builder.Apply(map) == 0) break;
+    if (builder.Apply(max_sigma * max_sigma, map) == 0) break;
   }
 }
 

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "s3lam/base/statistics.h"
 #include "s3lam/geometry/triangulation.h"
 #include "s3lam/optim/pose_refinement.h"
 #include "s3lam/robust/relative_pose.h"
@@ -269,14 +270,9 @@ std::optional<InitialPair> PairEvaluator::Score(const std::vector<int>& point_of
                      kDegrees);
   }
   if (pair.points.empty()) return std::nullopt;
-  const auto quantile = [](std::vector<double>& v, double q) {
-    const auto place = v.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(v.size()));
-    std::nth_element(v.begin(), place, v.end());
-    return *place;
-  };
-  pair.parallax_deg = quantile(angles, 0.5);
-  pair.low_parallax_deg = quantile(angles, kLowQuantile);
-  const double scale = 1.0 / quantile(depths, 0.5);
+  pair.parallax_deg = Median(angles);
+  pair.low_parallax_deg = UpperQuantile(std::move(angles), kLowQuantile);
+  const double scale = 1.0 / Median(std::move(depths));
   pair.b_from_a.translation *= scale;
   for (InitialPoint& point : pair.points) point.position *= scale;
   return pair;

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <mutex>
 
+#include "calibration_steps.h"
+#include "localization_steps.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
@@ -55,12 +57,6 @@ Submaps BuildMaps(const Options& options, const MapBuilderFactory& make_builder,
   };
   return BuildSubmaps(options.submaps, options.initializer, state.frames, state.undistorter,
                       options.num_threads, make_builder, after_frame, tracking);
-}
-
-void AdjustMaps(const Options& options, const Submaps& maps) {
-  for (const auto& builder : maps) {
-    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
-  }
 }
 
 /// Maps of the whole sequence from another start, where these are refuted.
@@ -124,6 +120,10 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
   Map& map = builder.map();
   const FrameImages images{input.read_gray, input.read_mask};
   const int read_threads = input.concurrent_reads ? options.num_threads : 1;
+  const auto adjust = [&] {
+    const ScopedStep step(seconds, "global bundle adjustment");
+    builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
+  };
   {
     const ScopedStep step(seconds, "features of keyframes");
     AddKeyframeFeatures(options.second_pass, options.features, undistorter, images, read_threads,
@@ -134,14 +134,9 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
       const ScopedStep step(seconds, "matching again");
       MatchAgain(options.second_pass, builder.mapper(), map);
     }
-    const ScopedStep step(seconds, "global bundle adjustment");
-    builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
+    adjust();
   }
   if (!options.second_pass.patches.enabled) return;
-  const auto adjust = [&] {
-    const ScopedStep step(seconds, "global bundle adjustment");
-    builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
-  };
   std::optional<PatchPass> pass;
   {
     const ScopedStep step(seconds, "aligning patches");
@@ -156,49 +151,6 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
     spdlog::info("{} observations found by patches", pass->ExtendTracks(map));
   }
   adjust();
-}
-
-/// Undistorts everything anew.
-void ChangeCamera(const Camera& camera, int num_threads, std::vector<FrameFeatures>& frames,
-                  Undistorter& undistorter) {
-  undistorter = Undistorter(camera);
-  ParallelFor(frames.size(), num_threads, [&](size_t i) { frames[i].Undistort(undistorter); });
-}
-
-/// A focal length to begin with, where there is only a guess.
-FocalReport SearchCamera(const Options& options, const Input& input, const Vocabulary& vocabulary,
-                         std::vector<FrameFeatures>& frames, Undistorter& undistorter) {
-  FocalReport report;
-  report.guess = report.refined = input.focal_prior->focal;
-  report.guess_relative_sigma = input.focal_prior->relative_sigma;
-  report.noise_sigma = report.guess * report.guess_relative_sigma;
-  const TrialMapOptions trials{options.focal_search, options.self_calibration, options.features,
-                               options.initializer,  options.tracker,          options.mapper,
-                               options.num_threads};
-  const auto found = SearchFocal(trials, frames, vocabulary, input.camera, *input.focal_prior);
-  if (found) ChangeCamera(found->camera, options.num_threads, frames, undistorter);
-  return report;
-}
-
-/// Refines a camera that is not known with the largest map, and adjusts all maps to it.
-void RefineCamera(const Options& options, const FocalPrior& prior,
-                  std::vector<FrameFeatures>& frames, Undistorter& undistorter, const Submaps& maps,
-                  FocalReport& report) {
-  Map& map = maps.front()->map();
-  const CalibrationProblem problem = MakeCalibrationProblem(map);
-  const auto refined =
-      RefineIntrinsics(options.self_calibration, undistorter.camera(), prior, problem);
-  if (!refined) {
-    spdlog::warn("the focal length cannot be refined");
-    return;
-  }
-  ApplyRefinement(*refined, map);
-  report.refined = refined->camera.FocalX();
-  report.noise_sigma = refined->focal_sigma;
-  report.parts_sigma = 0.0;
-  spdlog::info("focal length refined to {:.2f} +- {:.2f} px", report.refined, report.noise_sigma);
-  ChangeCamera(refined->camera, options.num_threads, frames, undistorter);
-  AdjustMaps(options, maps);
 }
 
 /// Maps the whole sequence anew as long as that changes the camera.
@@ -218,73 +170,6 @@ void MapUntilCameraStays(const Options& options, const FocalPrior& prior,
     if (state.camera_stays[round] != 0) return;
     MapSequence(options, make_builder, vocabulary, steps, state);
   }
-}
-
-/// Checks the lens distortion against the largest map; where it is refined, everything is
-/// undistorted and adjusted again.
-void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
-                 Undistorter& undistorter, const Submaps& maps, Report& report) {
-  if (!options.self_calibration.enabled) return;
-  const SelfCalibrationReport calibration = RefineDistortion(
-      options.self_calibration, undistorter.camera(), MakeCalibrationProblem(maps.front()->map()));
-  spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
-               100.0 * calibration.cost_decrease,
-               calibration.accepted ? "refined" : "camera kept as given");
-  report.camera_was_refined = calibration.accepted;
-  report.distortion_cost_share = calibration.cost_decrease;
-  if (!calibration.accepted) return;
-  ChangeCamera(calibration.camera, options.num_threads, frames, undistorter);
-  AdjustMaps(options, maps);
-}
-
-/// Poses of the frames in a final map: keyframes as they are, others refined against it, by patches
-/// too where keyframes are. Frames that belong to another map stay there.
-std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& input,
-                                       const Undistorter& undistorter, MapBuilder& builder,
-                                       const std::vector<uint8_t>& belongs_elsewhere) {
-  Map& map = builder.map();
-  const std::vector<FrameTrack>& tracks = builder.tracks();
-  std::vector<int> keyframe_of_frame(tracks.size(), kNoIndex);
-  for (const int k : map.AliveKeyframes()) keyframe_of_frame[map.keyframe(k).frame] = k;
-  const FrameLocalizer localizer(builder.tracker(), map, tracks, keyframe_of_frame);
-  const int read_threads = input.concurrent_reads ? options.num_threads : 1;
-  std::optional<PatchPass> pass;
-  if (options.second_pass.patches.enabled && options.second_pass.align_frames) {
-    pass.emplace(options.second_pass, options.features, undistorter,
-                 FrameImages{input.read_gray, {}}, read_threads, map);
-  }
-  std::vector<FrameTrack> localized(tracks.size());
-  ParallelFor(tracks.size(), pass ? read_threads : options.num_threads, [&](size_t i) {
-    if (belongs_elsewhere[i] != 0) return;
-    const int frame = static_cast<int>(i);
-    localized[i] = localizer.Localize(frame);
-    if (!pass || !localized[i].tracked || keyframe_of_frame[i] != kNoIndex) return;
-    const ImagePyramid pyramid = BuildPyramid(options.features, input.read_gray(i));
-    pass->AlignFrame(frame, pyramid, map, localized[i].cam_from_world, localized[i].matches);
-    builder.tracker().Refine(map, frame, localized[i].cam_from_world, localized[i].matches);
-  });
-  for (FrameTrack& track : localized) {
-    if (static_cast<int>(track.matches.size()) < options.min_localization_inliers) track = {};
-  }
-  return localized;
-}
-
-/// Localises every frame in its map, one that was lost in the first that knows it.
-std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, const Input& input,
-                                                    const Undistorter& undistorter,
-                                                    const Submaps& maps, size_t num_frames) {
-  std::vector<std::vector<FrameTrack>> localized;
-  for (size_t m = 0; m < maps.size(); ++m) {
-    std::vector<uint8_t> belongs_elsewhere(num_frames, 0);
-    for (size_t i = 0; i < num_frames; ++i) {
-      for (size_t other = 0; other < maps.size(); ++other) {
-        if (other != m && maps[other]->tracks()[i].tracked) belongs_elsewhere[i] = 1;
-        if (other < m && localized[other][i].tracked) belongs_elsewhere[i] = 1;
-      }
-    }
-    localized.push_back(LocalizeFrames(options, input, undistorter, *maps[m], belongs_elsewhere));
-  }
-  return localized;
 }
 
 /// Where each localised frame is, in whichever map.
@@ -439,6 +324,10 @@ Result Run(const Options& given, const Input& input) {
     } else {
       Recalibrate(options, state.frames, state.undistorter, maps, state.report);
     }
+  });
+  steps.Do([&] {
+    const ScopedStep step(seconds, "global bundle adjustment");
+    AdjustWithMeasuredNoise(options, state.undistorter, maps);
   });
   std::vector<std::vector<FrameTrack>> localized;
   {

@@ -101,6 +101,7 @@ nlohmann::json ToJson(const MapReport& map, size_t index) {
           {"observations", map.num_observations},
           {"relocalizations", map.num_relocalizations},
           {"rms_px", map.rms_px},
+          {"aligned_sigmas_px", map.aligned_sigmas_px},
           {"mean_track_length", map.mean_track_length},
           {"initial_frames", map.initial_frames},
           {"initial_parallax_deg", map.initial_parallax_deg},

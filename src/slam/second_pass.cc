@@ -3,15 +3,35 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/parallel.h"
+#include "s3lam/base/statistics.h"
 
 namespace s3lam {
 namespace {
 
 constexpr size_t kViewsOfNormal = 3;
 constexpr double kMinAlignedShare = 0.5;  // Below it a frame keeps what does not align.
+
+/// Lengths of the residuals of all observations [px] by level, as if no point were fitted to them.
+std::vector<std::vector<double>> ResidualLengths(const Undistorter& undistorter, const Map& map) {
+  std::vector<std::vector<double>> lengths(static_cast<size_t>(map.num_levels()));
+  for (int p = 0; p < map.num_points(); ++p) {
+    const MapPoint& point = map.point(p);
+    if (!point.alive || point.observations.size() < 2) continue;
+    const double correction = ResidualCorrection(point.observations.size());
+    for (const MapObservation& o : point.observations) {
+      const Keypoint& keypoint = map.keypoint(o);
+      const double squared =
+          SquaredError(undistorter.intrinsics(), map.keyframe(o.keyframe).cam_from_world,
+                       point.position, keypoint.undistorted.cast<double>(), 1.0);
+      lengths[keypoint.level].push_back(correction * std::sqrt(squared));
+    }
+  }
+  return lengths;
+}
 
 /// The observation whose descriptor stands for the point.
 size_t ReferenceOf(const Map& map, const MapPoint& point) {
@@ -61,6 +81,18 @@ void SecondPassOptions::Visit(OptionVisitor& v) {
   v.Value("align_frames", align_frames,
           "align what all frames see with the patches of the keyframes");
   v.Group("patches", patches, "alignment of observations to a fraction of a pixel");
+  v.Group("noise", noise, "of aligned observations");
+}
+
+void AlignmentNoiseOptions::Visit(OptionVisitor& v) {
+  v.Value("measured", measured,
+          "adjust once more with the standard deviation that the residuals on each level show, in "
+          "the place of patches.sigma_px");
+  v.Value("quantile", quantile, "of the residuals, which says how large it is", 0.1, 0.99);
+  v.Value("min_residuals", min_residuals, "a level with fewer keeps patches.sigma_px", 1, 1000000);
+  v.Value("min_sigma_px", min_sigma_px, "it is at least that, on its level [px]", 1e-3, 10.0);
+  v.Value("max_reprojection_sigma", max_reprojection_sigma,
+          "observations that are off by more are removed [sigma]", 1.0, 1e6);
 }
 
 int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature_options,
@@ -97,6 +129,28 @@ void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map
     if (!map.keyframe(k).alive) continue;
     mapper.FuseWithNeighbours(map, k, options.neighbours);
     mapper.TriangulateNewPoints(map, k, options.neighbours);
+  }
+}
+
+void MeasureAlignedSigmas(const AlignmentNoiseOptions& options, const Undistorter& undistorter,
+                          Map& map) {
+  const auto lengths = ResidualLengths(undistorter, map);
+  std::vector<double> sigmas;
+  for (int level = 0; level < map.num_levels(); ++level) {
+    if (static_cast<int>(lengths[level].size()) < options.min_residuals) {
+      sigmas.push_back(map.aligned_sigma(level));
+      continue;
+    }
+    const double sigma =
+        UpperQuantile(lengths[level], options.quantile) / RayleighQuantile(options.quantile);
+    sigmas.push_back(std::max(options.min_sigma_px * map.sigma(level), sigma));
+  }
+  map.SetAlignedSigmas(std::move(sigmas));
+  for (int p = 0; p < map.num_points(); ++p) {
+    if (!map.point(p).alive) continue;
+    for (const MapObservation& o : map.point(p).observations) {
+      map.SetSigma(o, map.aligned_sigma(map.keypoint(o).level));
+    }
   }
 }
 
@@ -170,6 +224,11 @@ PatchPass::AlignedPoint PatchPass::AlignPoint(const Map& map, const MapPoint& po
 }
 
 PatchRefinement PatchPass::RefineObservations(Map& map) const {
+  std::vector<double> sigmas;
+  for (int level = 0; level < map.num_levels(); ++level) {
+    sigmas.push_back(options_.patches.sigma_px * map.sigma(level));
+  }
+  map.SetAlignedSigmas(std::move(sigmas));
   std::vector<AlignedPoint> aligned(static_cast<size_t>(map.num_points()));
   ParallelFor(aligned.size(), num_threads_, [&](size_t p) {
     const MapPoint& point = map.point(static_cast<int>(p));
@@ -190,7 +249,8 @@ PatchRefinement PatchPass::RefineObservations(Map& map) const {
         continue;
       }
       map.MoveKeypoint(map.keyframe(observations[i].keyframe).frame, observations[i].keypoint,
-                       *pixel, *undistorted, SigmaOn(map, map.keypoint(observations[i]).level));
+                       *pixel, *undistorted,
+                       map.aligned_sigma(map.keypoint(observations[i]).level));
       ++refinement.num_refined;
     }
   }
@@ -222,7 +282,7 @@ std::vector<PatchPass::NewObservation> PatchPass::FindInNeighbours(
     keypoint.pixel = pixel->cast<float>();
     keypoint.undistorted = undistorted->cast<float>();
     keypoint.level = static_cast<uint8_t>(projection->level);
-    keypoint.sigma = static_cast<float>(SigmaOn(map, projection->level));
+    keypoint.sigma = static_cast<float>(map.aligned_sigma(projection->level));
     found.push_back({keyframe, keypoint});
   }
   return found;
@@ -266,7 +326,8 @@ void PatchPass::AlignFrame(int frame, const ImagePyramid& pyramid, Map& map,
     const auto pixel = refiner_.Align(reference, target, point.position, point.normal);
     const auto undistorted = pixel ? undistorter_.Undistort(*pixel) : std::nullopt;
     if (!undistorted) continue;
-    map.MoveKeypoint(frame, match.keypoint, *pixel, *undistorted, SigmaOn(map, keypoint.level));
+    map.MoveKeypoint(frame, match.keypoint, *pixel, *undistorted,
+                     map.aligned_sigma(keypoint.level));
     aligned.push_back(match);
   }
   const double share = static_cast<double>(aligned.size()) / static_cast<double>(matches.size());

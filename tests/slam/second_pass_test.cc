@@ -129,6 +129,7 @@ class AlignFrameTest : public ::testing::Test {
 
 TEST_F(AlignFrameTest, MovesKeypointsToWhereTheKeyframesPatchesAre) {
   Map map(frames_, features_);
+  map.SetAlignedSigmas(LevelSigmas(features_));
   FillMap(map);
   const PatchPass pass(options_, features_, undistorter_, images_, 1, map);
   const size_t given = matches_.size();
@@ -141,19 +142,98 @@ TEST_F(AlignFrameTest, MovesKeypointsToWhereTheKeyframesPatchesAre) {
     const Eigen::Vector2d error = keypoint.pixel.cast<double>() - truth_[match.point];
     const double level_sigma = map.sigma(keypoint.level);
     squared += error.squaredNorm() / (level_sigma * level_sigma);
-    EXPECT_NEAR(keypoint.sigma, options_.patches.sigma_px * level_sigma, 1e-6);
+    EXPECT_NEAR(keypoint.sigma, map.aligned_sigma(keypoint.level), 1e-6);
   }
   EXPECT_LT(std::sqrt(squared / static_cast<double>(matches_.size())), 0.15);  // Was 0.5.
 }
 
 TEST_F(AlignFrameTest, FrameThatShowsSomethingElseKeepsItsMatches) {
   Map map(frames_, features_);
+  map.SetAlignedSigmas(LevelSigmas(features_));
   FillMap(map);
   const PatchPass pass(options_, features_, undistorter_, images_, 1, map);
   const std::vector<PointMatch> given = matches_;
   const cv::Mat other = testing::MakeTexture(pictures_[0].cols, pictures_[0].rows, 77);
   pass.AlignFrame(kFrame, BuildPyramid(features_, other), map, PoseOf(kFrame), matches_);
   EXPECT_EQ(matches_.size(), given.size());
+}
+
+/// Points of all levels, seen by a row of keyframes.
+class AlignedSigmasTest : public ::testing::Test {
+ protected:
+  static constexpr int kKeyframes = 12;
+
+  AlignedSigmasTest() : undistorter_(testing::MakeTestCamera(CameraModel::kPinhole)) {
+    const cv::Mat blank(undistorter_.camera().height, undistorter_.camera().width, CV_8UC1,
+                        cv::Scalar(0));
+    for (int k = 0; k < kKeyframes; ++k) {
+      frames_.push_back(ExtractFeatures(features_, undistorter_, blank));
+    }
+  }
+
+  /// With keypoints off by a noise that grows by `growth` from level to level, one of ten wrong.
+  void FillMap(double noise_px, double growth, Map& map) {
+    Rng rng(3);
+    for (int k = 0; k < kKeyframes; ++k) {
+      Rigid3 pose;
+      pose.translation.x() = 0.1 * k;
+      map.AddKeyframe(k, pose);
+    }
+    for (int i = 0; i < 800; ++i) {
+      const Eigen::Vector3d x(rng.Uniform(-0.5, 0.5), rng.Uniform(-1.0, 1.0), rng.Uniform(4.0, 6.0));
+      const int point = map.AddPoint(x, /*first_keyframe=*/0);
+      for (int k = 0; k < kKeyframes; ++k) {
+        Keypoint keypoint;
+        keypoint.level = static_cast<uint8_t>(i % map.num_levels());
+        const double sigma = noise_px * std::pow(growth, keypoint.level);
+        const Eigen::Vector2d pixel =
+            *undistorter_.camera().ImageFromCamera(map.keyframe(k).cam_from_world * x) +
+            (rng.Below(20) == 0 ? 20.0 : 1.0) * sigma *
+                Eigen::Vector2d(rng.Gaussian(), rng.Gaussian());
+        keypoint.pixel = keypoint.undistorted = pixel.cast<float>();
+        keypoint.sigma = static_cast<float>(map.aligned_sigma(keypoint.level));
+        map.AddObservation(point, {k, map.AddKeypoint(k, keypoint, {})});
+      }
+    }
+  }
+
+  Undistorter undistorter_;
+  FeatureOptions features_;
+  AlignmentNoiseOptions options_;
+  std::vector<FrameFeatures> frames_;
+};
+
+TEST_F(AlignedSigmasTest, AreWhatTheResidualsOfEachLevelShow) {
+  Map map(frames_, features_);
+  map.SetAlignedSigmas(LevelSigmas(features_));
+  FillMap(0.3, 1.1, map);
+  MeasureAlignedSigmas(options_, undistorter_, map);
+  for (int level = 0; level < map.num_levels(); ++level) {
+    EXPECT_NEAR(map.aligned_sigma(level) / (0.3 * std::pow(1.1, level)), 1.1, 0.15) << level;
+  }
+  const MapObservation& o = map.point(11).observations[5];
+  EXPECT_FLOAT_EQ(map.keypoint(o).sigma, static_cast<float>(map.aligned_sigma(11 % 8)));
+}
+
+TEST_F(AlignedSigmasTest, AreNeverLessThanImagesAllow) {
+  Map map(frames_, features_);
+  map.SetAlignedSigmas(LevelSigmas(features_));
+  FillMap(1e-4, 1.0, map);
+  MeasureAlignedSigmas(options_, undistorter_, map);
+  for (int level = 0; level < map.num_levels(); ++level) {
+    EXPECT_DOUBLE_EQ(map.aligned_sigma(level), options_.min_sigma_px * map.sigma(level));
+  }
+}
+
+TEST_F(AlignedSigmasTest, StayWhereTooFewResidualsSpeak) {
+  Map map(frames_, features_);
+  map.SetAlignedSigmas(LevelSigmas(features_));
+  FillMap(0.3, 1.0, map);
+  options_.min_residuals = 100000;
+  MeasureAlignedSigmas(options_, undistorter_, map);
+  for (int level = 0; level < map.num_levels(); ++level) {
+    EXPECT_DOUBLE_EQ(map.aligned_sigma(level), map.sigma(level));
+  }
 }
 
 TEST(EffectiveTest, FastLeavesStepsAndKeyframesOutAndHighChangesNothing) {

@@ -1,20 +1,22 @@
 #pragma once
 
-#include <algorithm>
+#include <cstddef>
+#include <utility>
 #include <vector>
 
 namespace s3lam {
 
+/// The value that a share of the others, 0 to below 1, is below; zero for no values.
+double UpperQuantile(std::vector<double> values, double share);
+
 /// The upper median; zero for no values.
-inline double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
+inline double Median(std::vector<double> values) { return UpperQuantile(std::move(values), 0.5); }
 
 /// sqrt(2 ln 2): the median length of a two-dimensional normal vector with a sigma of one.
 inline constexpr double kMedianOfRayleigh = 1.1774100225154747;
+
+/// The quantile of the length of such a vector.
+double RayleighQuantile(double share);
 
 /// What the length of a residual is multiplied by to undo that its point was fitted to it: a point
 /// takes up 3 freedoms of the 2 n residuals of its track. n of two or more.

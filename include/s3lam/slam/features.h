@@ -87,6 +87,7 @@ class FrameFeatures {
   void Undistort(const Undistorter& undistorter);
   /// Corrects a keypoint's place by a fraction of a pixel (the grid stays as it is).
   void Move(int i, const Eigen::Vector2d& pixel, const Eigen::Vector2d& undistorted, double sigma);
+  void SetSigma(int i, double sigma) { keypoints_[i].sigma = static_cast<float>(sigma); }
 
   template <typename A>
   void Transfer(A& archive) {

@@ -86,6 +86,10 @@ class Map {
   }
   [[nodiscard]] int num_levels() const { return static_cast<int>(level_sigmas_.size()); }
   [[nodiscard]] double sigma(int level) const { return level_sigmas_[level]; }
+  /// Standard deviation of keypoints aligned by patches on a level [px], or of all levels; none
+  /// before there are any.
+  [[nodiscard]] double aligned_sigma(int level) const { return aligned_sigmas_[level]; }
+  [[nodiscard]] const std::vector<double>& aligned_sigmas() const { return aligned_sigmas_; }
 
   void SetPose(int keyframe, const Rigid3& cam_from_world) {
     keyframes_[keyframe].cam_from_world = cam_from_world;
@@ -102,12 +106,18 @@ class Map {
     points_[point].num_found += found;
   }
 
+  /// By level, of the keypoints to be aligned from now on [px].
+  void SetAlignedSigmas(std::vector<double> sigmas) { aligned_sigmas_ = std::move(sigmas); }
   void SetNormal(int point, const Eigen::Vector3d& normal) { points_[point].normal = normal; }
 
   /// See FrameFeatures::Move.
   void MoveKeypoint(int frame, int keypoint, const Eigen::Vector2d& pixel,
                     const Eigen::Vector2d& undistorted, double sigma) {
     frames_[frame].Move(keypoint, pixel, undistorted, sigma);
+  }
+
+  void SetSigma(const MapObservation& o, double sigma) {
+    frames_[keyframes_[o.keyframe].frame].SetSigma(o.keypoint, sigma);
   }
 
   /// A keypoint that was not detected, but found by its point's patch.
@@ -161,7 +171,7 @@ class Map {
   /// Without the frames' features, which are the sequence's.
   template <typename A>
   void Transfer(A& archive) {
-    archive(keyframes_, points_);
+    archive(keyframes_, points_, aligned_sigmas_);
   }
 
  private:
@@ -169,6 +179,7 @@ class Map {
   std::vector<double> level_sigmas_;
   std::vector<Keyframe> keyframes_;
   std::vector<MapPoint> points_;
+  std::vector<double> aligned_sigmas_;
 };
 
 /// Points that these keyframes see, ascending.

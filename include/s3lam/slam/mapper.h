@@ -33,9 +33,10 @@ class Mapper {
   /// removed. Returns the keyframe.
   int AddKeyframe(Map& map, int frame, const FrameTrack& track);
 
-  /// Adjusts all keyframes and points, and removes observations that do not fit, until none is left
-  /// over or `rounds` are done.
-  void AdjustGlobally(Map& map, int rounds, int num_threads) const;
+  /// Adjusts all keyframes and points, and removes observations that are off by more than
+  /// `max_sigma` of their standard deviations (the default leaves 5 % out), until none is or
+  /// `rounds` are done.
+  void AdjustGlobally(Map& map, int rounds, int num_threads, double max_sigma = 2.4477) const;
 
   /// Triangulates keypoints of one keyframe that have no point with those of its neighbours;
   /// returns the new points.

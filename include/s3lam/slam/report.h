@@ -44,6 +44,7 @@ struct MapReport {
   int num_observations = 0;
   int num_relocalizations = 0;
   double rms_px = 0.0;
+  std::vector<double> aligned_sigmas_px;  // Of keypoints aligned by patches, by level.
   double mean_track_length = 0.0;
   int first_frame = -1;
   int last_frame = -1;

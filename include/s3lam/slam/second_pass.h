@@ -9,6 +9,17 @@
 
 namespace s3lam {
 
+/// How far aligned observations are off, as their residuals show it once the camera is known.
+struct AlignmentNoiseOptions {
+  bool measured = true;
+  double quantile = 0.9;
+  int min_residuals = 200;
+  double min_sigma_px = 0.1;
+  double max_reprojection_sigma = 4.0;
+
+  void Visit(OptionVisitor& v);
+};
+
 struct SecondPassOptions {
   int keyframe_features = 0;
   int rounds = 1;
@@ -16,6 +27,7 @@ struct SecondPassOptions {
   bool extend_tracks = true;
   bool align_frames = true;
   PatchRefinerOptions patches;
+  AlignmentNoiseOptions noise;
 
   void Visit(OptionVisitor& v);
 };
@@ -35,6 +47,12 @@ int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature
 /// With the whole map at hand: every keyframe is matched against the points of all its neighbours
 /// again, both ways, points that are the same merged, and what is still free triangulated.
 void MatchAgain(const SecondPassOptions& options, const Mapper& mapper, Map& map);
+
+/// Gives all observations of a map, which are aligned, the standard deviation that most residuals
+/// on their level show, and those to be aligned from now on: where images are blurred it grows less
+/// with the level than the size of a pixel does.
+void MeasureAlignedSigmas(const AlignmentNoiseOptions& options, const Undistorter& undistorter,
+                          Map& map);
 
 /// Works on the images of the keyframes, which it holds, a pyramid each: in memory, or in a file
 /// where that is too small. RefineObservations comes first: it estimates the normals of points,
@@ -71,10 +89,6 @@ class PatchPass {
     Keypoint keypoint;
   };
 
-  /// Standard deviation of an aligned keypoint [px].
-  [[nodiscard]] double SigmaOn(const Map& map, int level) const {
-    return options_.patches.sigma_px * map.sigma(level);
-  }
   [[nodiscard]] PatchView ViewOf(const Map& map, const MapObservation& o) const;
   /// Of the surface around a point, from the views farthest from the reference observation's.
   [[nodiscard]] Eigen::Vector3d NormalOf(const Map& map, const MapPoint& point,

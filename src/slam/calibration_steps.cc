@@ -1,0 +1,87 @@
+#include "calibration_steps.h"
+
+#include "s3lam/base/log.h"
+#include "s3lam/base/parallel.h"
+
+namespace s3lam::slam {
+namespace {
+
+/// Undistorts everything anew.
+void ChangeCamera(const Camera& camera, int num_threads, std::vector<FrameFeatures>& frames,
+                  Undistorter& undistorter) {
+  undistorter = Undistorter(camera);
+  ParallelFor(frames.size(), num_threads, [&](size_t i) { frames[i].Undistort(undistorter); });
+}
+
+}  // namespace
+
+void AdjustMaps(const Options& options, const Submaps& maps) {
+  for (const auto& builder : maps) {
+    builder->mapper().AdjustGlobally(builder->map(), options.global_rounds, options.num_threads);
+  }
+}
+
+FocalReport SearchCamera(const Options& options, const Input& input, const Vocabulary& vocabulary,
+                         std::vector<FrameFeatures>& frames, Undistorter& undistorter) {
+  FocalReport report;
+  report.guess = report.refined = input.focal_prior->focal;
+  report.guess_relative_sigma = input.focal_prior->relative_sigma;
+  report.noise_sigma = report.guess * report.guess_relative_sigma;
+  const TrialMapOptions trials{options.focal_search, options.self_calibration, options.features,
+                               options.initializer,  options.tracker,          options.mapper,
+                               options.num_threads};
+  const auto found = SearchFocal(trials, frames, vocabulary, input.camera, *input.focal_prior);
+  if (found) ChangeCamera(found->camera, options.num_threads, frames, undistorter);
+  return report;
+}
+
+void RefineCamera(const Options& options, const FocalPrior& prior,
+                  std::vector<FrameFeatures>& frames, Undistorter& undistorter, const Submaps& maps,
+                  FocalReport& report) {
+  Map& map = maps.front()->map();
+  const CalibrationProblem problem = MakeCalibrationProblem(map);
+  const auto refined =
+      RefineIntrinsics(options.self_calibration, undistorter.camera(), prior, problem);
+  if (!refined) {
+    spdlog::warn("the focal length cannot be refined");
+    return;
+  }
+  ApplyRefinement(*refined, map);
+  report.refined = refined->camera.FocalX();
+  report.noise_sigma = refined->focal_sigma;
+  report.parts_sigma = 0.0;
+  spdlog::info("focal length refined to {:.2f} +- {:.2f} px", report.refined, report.noise_sigma);
+  ChangeCamera(refined->camera, options.num_threads, frames, undistorter);
+  AdjustMaps(options, maps);
+}
+
+void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
+                 Undistorter& undistorter, const Submaps& maps, Report& report) {
+  if (!options.self_calibration.enabled) return;
+  const SelfCalibrationReport calibration = RefineDistortion(
+      options.self_calibration, undistorter.camera(), MakeCalibrationProblem(maps.front()->map()));
+  spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
+               100.0 * calibration.cost_decrease,
+               calibration.accepted ? "refined" : "camera kept as given");
+  report.camera_was_refined = calibration.accepted;
+  report.distortion_cost_share = calibration.cost_decrease;
+  if (!calibration.accepted) return;
+  ChangeCamera(calibration.camera, options.num_threads, frames, undistorter);
+  AdjustMaps(options, maps);
+}
+
+void AdjustWithMeasuredNoise(const Options& options, const Undistorter& undistorter,
+                             const Submaps& maps) {
+  const AlignmentNoiseOptions& noise = options.second_pass.noise;
+  if (!options.second_pass.patches.enabled || !noise.measured) return;
+  for (const auto& builder : maps) {
+    Map& map = builder->map();
+    MeasureAlignedSigmas(noise, undistorter, map);
+    spdlog::info("standard deviation of aligned keypoints: {:.3g} to {:.3g} px",
+                 map.aligned_sigma(0), map.aligned_sigma(map.num_levels() - 1));
+    builder->mapper().AdjustGlobally(map, options.global_rounds, options.num_threads,
+                                     noise.max_reprojection_sigma);
+  }
+}
+
+}  // namespace s3lam::slam

@@ -1,0 +1,32 @@
+#pragma once
+
+#include "s3lam/slam/pipeline.h"
+#include "s3lam/slam/run_state.h"
+
+// The steps of a run that change its camera, and adjust what depends on it.
+
+namespace s3lam::slam {
+
+/// Bundle adjustment of every map as a whole.
+void AdjustMaps(const Options& options, const Submaps& maps);
+
+/// A focal length to begin with, where there is only a guess.
+FocalReport SearchCamera(const Options& options, const Input& input, const Vocabulary& vocabulary,
+                         std::vector<FrameFeatures>& frames, Undistorter& undistorter);
+
+/// Refines a camera that is not known with the largest map, and adjusts all maps to it.
+void RefineCamera(const Options& options, const FocalPrior& prior,
+                  std::vector<FrameFeatures>& frames, Undistorter& undistorter, const Submaps& maps,
+                  FocalReport& report);
+
+/// Checks the lens distortion against the largest map; where it is refined, everything is
+/// undistorted and adjusted again.
+void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
+                 Undistorter& undistorter, const Submaps& maps, Report& report);
+
+/// Adjusts maps whose observations are aligned with the noise that these turn out to have. Not
+/// before the camera is refined: what is wrong with it must not count as outliers.
+void AdjustWithMeasuredNoise(const Options& options, const Undistorter& undistorter,
+                             const Submaps& maps);
+
+}  // namespace s3lam::slam

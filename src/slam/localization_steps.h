@@ -1,0 +1,14 @@
+#pragma once
+
+#include "s3lam/slam/pipeline.h"
+
+namespace s3lam::slam {
+
+/// Localises every frame in its map, one that was lost in the first that knows it: keyframes are
+/// where they are, others are refined against the final map, by patches too where keyframes are.
+/// By map, then by frame; not tracked where a frame belongs to another map, or sees too little.
+std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, const Input& input,
+                                                    const Undistorter& undistorter,
+                                                    const Submaps& maps, size_t num_frames);
+
+}  // namespace s3lam::slam
