@@ -138,19 +138,26 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
   }
   if (!options.second_pass.patches.enabled) return;
   std::optional<PatchPass> pass;
-  {
-    const ScopedStep step(seconds, "aligning patches");
-    pass.emplace(options.second_pass, options.features, undistorter, images, read_threads, map);
-    const PatchRefinement refinement = pass->RefineObservations(map);
-    spdlog::info("{} of {} observations aligned", refinement.num_refined, refinement.num_tried);
+  const auto align = [&] {
+    {
+      const ScopedStep step(seconds, "aligning patches");
+      if (!pass) {
+        pass.emplace(options.second_pass, options.features, undistorter, images, read_threads, map);
+      }
+      const PatchRefinement refinement = pass->RefineObservations(map);
+      spdlog::info("{} of {} observations aligned", refinement.num_refined, refinement.num_tried);
+    }
+    adjust();
+  };
+  align();
+  if (options.second_pass.extend_tracks) {
+    {
+      const ScopedStep step(seconds, "extending tracks");
+      spdlog::info("{} observations found by patches", pass->ExtendTracks(map));
+    }
+    adjust();
   }
-  adjust();
-  if (!options.second_pass.extend_tracks) return;
-  {
-    const ScopedStep step(seconds, "extending tracks");
-    spdlog::info("{} observations found by patches", pass->ExtendTracks(map));
-  }
-  adjust();
+  if (options.second_pass.align_again) align();
 }
 
 /// Maps the whole sequence anew as long as that changes the camera.

@@ -33,11 +33,14 @@ std::vector<std::vector<double>> ResidualLengths(const Undistorter& undistorter,
   return lengths;
 }
 
-/// The observation whose descriptor stands for the point.
+/// The detected observation whose descriptor stands for the point: keypoints that were found by
+/// their patch have the point's descriptor, too.
 size_t ReferenceOf(const Map& map, const MapPoint& point) {
   for (size_t i = 0; i < point.observations.size(); ++i) {
     const MapObservation& o = point.observations[i];
-    if (map.features(o.keyframe).descriptor(o.keypoint) == point.descriptor) return i;
+    const FrameFeatures& features = map.features(o.keyframe);
+    if (o.keypoint >= features.num_detected()) continue;
+    if (features.descriptor(o.keypoint) == point.descriptor) return i;
   }
   return 0;
 }
@@ -78,6 +81,9 @@ void SecondPassOptions::Visit(OptionVisitor& v) {
   v.Value("neighbours", neighbours, "keyframes that each is matched with", 1, 10000);
   v.Value("extend_tracks", extend_tracks,
           "look for points, by their patches, where no keypoint was detected");
+  v.Value("align_again", align_again,
+          "align observations once more when the map is adjusted and tracks are extended: normals "
+          "are known better then");
   v.Value("align_frames", align_frames,
           "align what all frames see with the patches of the keyframes");
   v.Group("patches", patches, "alignment of observations to a fraction of a pixel");

@@ -25,6 +25,7 @@ struct SecondPassOptions {
   int rounds = 1;
   int neighbours = 20;
   bool extend_tracks = true;
+  bool align_again = true;
   bool align_frames = true;
   PatchRefinerOptions patches;
   AlignmentNoiseOptions noise;
