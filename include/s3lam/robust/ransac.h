@@ -93,6 +93,36 @@ double MsacScore(const Estimator& estimator, const typename Estimator::Model& mo
   return score;
 }
 
+/// Data spread evenly over all of them, of which a part of the score is known soon. None where
+/// there are too few for that to be worth it.
+inline std::vector<size_t> ProbeOf(size_t size) {
+  constexpr size_t kCount = 48;
+  std::vector<size_t> probe;
+  if (size < 3 * kCount) return probe;
+  for (size_t i = 0; i < kCount; ++i) probe.push_back((2 * i + 1) * size / (2 * kCount));
+  return probe;
+}
+
+/// Does the probe leave it possible that the model's score is below the limit? Wrongly denied to
+/// one of a thousand that are just below it.
+template <typename Estimator>
+bool MayScoreBelow(const Estimator& estimator, const typename Estimator::Model& model,
+                   double squared_threshold, double limit, const std::vector<size_t>& probe) {
+  if (probe.empty()) return true;
+  constexpr double kSigmas = 3.0;
+  double sum = 0.0;
+  double squares = 0.0;
+  for (const size_t i : probe) {
+    const double error = std::min(estimator.SquaredError(model, i), squared_threshold);
+    sum += error;
+    squares += error * error;
+  }
+  const auto count = static_cast<double>(probe.size());
+  const double mean = sum / count;
+  const double sigma = std::sqrt(std::max(0.0, squares / count - mean * mean) / count);
+  return (mean - kSigmas * sigma) * static_cast<double>(estimator.size()) < limit;
+}
+
 template <typename Estimator>
 std::vector<size_t> FindInliers(const Estimator& estimator, const typename Estimator::Model& model,
                                 double squared_threshold) {
@@ -132,6 +162,7 @@ std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& e
   using Model = typename Estimator::Model;
   if (estimator.size() < Estimator::kSampleSize) return std::nullopt;
   const double squared_threshold = threshold * threshold;
+  const std::vector<size_t> probe = internal::ProbeOf(estimator.size());
   std::optional<RansacResult<Model>> best;
   std::vector<Model> models;
   int needed = options.max_iterations;
@@ -141,6 +172,9 @@ std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& e
     estimator.Estimate(estimator.DrawSample(rng), models);
     for (const Model& model : models) {
       const double limit = best ? best->score : std::numeric_limits<double>::max();
+      if (best && !internal::MayScoreBelow(estimator, model, squared_threshold, limit, probe)) {
+        continue;
+      }
       const double score = internal::MsacScore(estimator, model, squared_threshold, limit);
       if (best && !(score < best->score)) continue;
       RansacResult<Model> found{model, score,
