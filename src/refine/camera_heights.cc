@@ -23,7 +23,7 @@ constexpr double kSettled = 1.2;
 /// A deviation follows its weight if it falls below this part of what it was.
 constexpr double kFollows = 0.99;
 constexpr double kMaxFactor = 5.0;
-constexpr double kMaxStrength = 50.0;
+constexpr double kMaxStrength = 500.0;
 
 /// A camera's height by the points of its ground plane alone, over the common one.
 struct MeasuredHeight {
@@ -80,11 +80,16 @@ std::map<int, double> MedianByPlane(const std::vector<MeasuredHeight>& heights,
   return medians;
 }
 
-/// The sigmas of the heights and of the ground's points fall.
-void StrengthenGround(double excess, PlaneModel& model, BundleProblem& problem) {
-  const double factor = std::min({excess, kMaxFactor, kMaxStrength / model.ground_strength});
+/// The sigmas of the heights and of the ground's points fall by this factor.
+void StrengthenGround(double factor, PlaneModel& model, BundleProblem& problem) {
   model.ground_strength *= factor;
   for (HeightTerm& term : problem.heights) term.sigma_relative /= factor;
+}
+
+/// What the ground is strengthened by where heights vary `excess` times as much as is explained:
+/// the map gives way by less than in proportion.
+double NextFactor(double excess, const PlaneModel& model) {
+  return std::min({excess * excess, kMaxFactor, kMaxStrength / model.ground_strength});
 }
 
 void DropPlanes(const std::vector<int>& planes, PlaneModel& model, BundleProblem& problem) {
@@ -151,7 +156,9 @@ void CameraHeights::Update(PlaneModel& model, BundleProblem& problem) {
   contradicted_ = excess > kSettled && was_raised && excess > kFollows * last_excess_;
   if (last_excess_ == 0.0) first_excess_ = excess;
   last_excess_ = excess;
-  if (excess > kSettled && !contradicted_) StrengthenGround(excess, model, problem);
+  if (excess > kSettled && !contradicted_) {
+    StrengthenGround(NextFactor(excess, model), model, problem);
+  }
   spdlog::info("measured heights vary by {:.2f} %, {:.2f} times what is explained; strength {:.3g}",
                100.0 * spread_, excess, model.ground_strength);
 }

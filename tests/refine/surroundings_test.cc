@@ -4,6 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <functional>
+
 #include "refine/refine_fixture.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/options_json.h"
@@ -74,26 +77,48 @@ TEST(RefineCameraHeight, AHandHeldCameraOverATableIsNotAVehicle) {
   EXPECT_FALSE(report.ground.reason.empty());
 }
 
-/// A drive that rises slowly above its road, seen too well for the road to bring it down.
-SyntheticMap MakeClimb() {
+/// The drive along the street with its cameras raised [m] by a function of the part driven.
+SyntheticMap MakeRaisedDrive(const std::function<double(double)>& raise,
+                             const SyntheticMapOptions& options) {
   Scene scene = MakeScene("street", 1);
   constexpr int kKnots = 60;
-  constexpr double kRiseM = 1.0;
   std::vector<Eigen::Vector3d> positions;
   std::vector<Eigen::Vector3d> targets;
   const double duration_s = scene.path.duration_s();
   for (int i = 0; i < kKnots; ++i) {
     const double part = i / (kKnots - 1.0);
     const Rigid3 pose = scene.path.WorldFromCamera(part * duration_s);
-    positions.push_back(pose.translation + kRiseM * part * Eigen::Vector3d::UnitZ());
+    positions.push_back(pose.translation + raise(part) * Eigen::Vector3d::UnitZ());
     targets.push_back(positions.back() + pose.rotation * Eigen::Vector3d::UnitZ());
   }
   scene.path = CameraPath(positions, targets, duration_s, {}, 1);
+  return MakeSyntheticMap(scene, 1, options);
+}
+
+/// A drive that rises slowly above its road, seen too well for the road to bring it down.
+SyntheticMap MakeClimb() {
   SyntheticMapOptions options;
-  options.num_images = 40;
   options.num_points = 4000;
   options.pixel_sigma = 0.2;
-  return MakeSyntheticMap(scene, 1, options);
+  return MakeRaisedDrive([](double part) { return part; }, options);
+}
+
+TEST(RefineCameraHeight, CostsLittleWhereAVehicleSwaysByAPercent) {
+  SyntheticMapOptions options;
+  options.num_points = 2000;
+  options.pixel_sigma = 1.5;
+  options.max_track_window = 2;
+  constexpr double kHeightM = 1.65;
+  const SyntheticMap map =
+      MakeRaisedDrive([](double part) { return 0.01 * kHeightM * std::sin(18.0 * part); }, options);
+  Output with;
+  ASSERT_TRUE(refine::Run(Options(), MakeInput(map), with).ground.in_use);
+  Options off;
+  off.camera_height.mode = CameraHeightMode::kOff;
+  Output without;
+  refine::Run(off, MakeInput(map), without);
+  EXPECT_LT(AlignedCenterError(with.model, map.truth),
+            1.5 * AlignedCenterError(without.model, map.truth));
 }
 
 TEST(RefineCameraHeight, WhereTheMapContradictsItTheAdjustmentStartsAgainWithout) {
