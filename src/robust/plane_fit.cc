@@ -139,10 +139,13 @@ class PlaneEstimator {
  public:
   using Model = Plane;
   static constexpr size_t kSampleSize = 3;
+  /// How smooth a surface is and how certain its points are is not known well: of two planes, that
+  /// with points close to it is to be taken, not a tilted one with as many in a wide band.
+  static constexpr RansacLoss kLoss = RansacLoss::kOverScales;
 
   PlaneEstimator(std::span<const UncertainPoint> points, const PlaneFitOptions& options,
                  const NormalBand& band)
-      : points_(points), band_(band) {
+      : points_(points), band_(band), squared_threshold_(std::pow(options.inlier_sigmas, 2)) {
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
     for (const UncertainPoint& p : points) mean += p.xyz;
     mean /= static_cast<double>(points.size());
@@ -154,8 +157,7 @@ class PlaneEstimator {
     for (const UncertainPoint& p : points) {
       const double variance = p.covariance.trace() + p.roughness * p.roughness;
       variance_bounds_.push_back(std::max(variance, min_sigma_ * min_sigma_));
-      inlier_bounds_.push_back(options.inlier_sigmas * options.inlier_sigmas *
-                               variance_bounds_.back());
+      inlier_bounds_.push_back(squared_threshold_ * variance_bounds_.back());
     }
   }
 
@@ -181,17 +183,35 @@ class PlaneEstimator {
   [[nodiscard]] double SquaredError(const Plane& plane, size_t i) const {
     const double squared_distance = std::pow(plane.SignedDistance(points_[i].xyz), 2);
     if (squared_distance > inlier_bounds_[i]) return squared_distance / variance_bounds_[i];
-    const double variance = DistanceVariance(points_[i], plane.normal);
-    return squared_distance / std::max(variance, min_sigma_ * min_sigma_);
+    return squared_distance / VarianceOf(points_[i], plane);
   }
 
-  [[nodiscard]] std::optional<Plane> Refine(const Plane&, std::span<const size_t> inliers) const {
-    const auto fit = FitPlane(points_, inliers);
-    if (!fit || !band_.Contains(fit->plane.normal)) return std::nullopt;
-    return fit->plane;
+  [[nodiscard]] std::optional<Plane> Refine(const Plane& plane,
+                                            std::span<const size_t> inliers) const {
+    constexpr int kRounds = 5;
+    std::vector<double> weights(inliers.size());
+    PlaneFit fit;
+    fit.plane = plane;
+    for (int round = 0; round < kRounds; ++round) {
+      for (size_t k = 0; k < inliers.size(); ++k) {
+        const UncertainPoint& point = points_[inliers[k]];
+        const double variance = VarianceOf(point, fit.plane);
+        const double squared = std::pow(fit.plane.SignedDistance(point.xyz), 2) / variance;
+        weights[k] = LossWeight(kLoss, squared, squared_threshold_) / variance;
+      }
+      if (!PlaneFromMoments(ComputeMoments(points_, inliers, weights), fit) ||
+          !band_.Contains(fit.plane.normal)) {
+        return std::nullopt;
+      }
+    }
+    return fit.plane;
   }
 
  private:
+  [[nodiscard]] double VarianceOf(const UncertainPoint& point, const Plane& plane) const {
+    return std::max(DistanceVariance(point, plane.normal), min_sigma_ * min_sigma_);
+  }
+
   /// Every other sample is local: in a cluster of several planes, neighbours share one more often.
   [[nodiscard]] std::array<size_t, 3> DrawAnySample(Rng& rng) const {
     constexpr int kTries = 30;
@@ -224,6 +244,7 @@ class PlaneEstimator {
 
   std::span<const UncertainPoint> points_;
   NormalBand band_;
+  double squared_threshold_;
   double squared_radius_ = 0.0;
   double min_sigma_ = 0.0;
   std::vector<double> variance_bounds_;  // Of the points' distances to any plane.

@@ -55,6 +55,7 @@ class SimilarityEstimator {
  public:
   using Model = Similarity3;
   static constexpr size_t kSampleSize = 3;
+  static constexpr RansacLoss kLoss = RansacLoss::kTruncated;
 
   SimilarityEstimator(const PinholeIntrinsics& camera, const std::vector<PointPair>& pairs)
       : camera_(camera), pairs_(pairs) {}

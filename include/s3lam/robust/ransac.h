@@ -8,6 +8,7 @@
 #include <limits>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "s3lam/base/options.h"
@@ -19,14 +20,39 @@ struct RansacOptions {
   int min_iterations = 50;
   int max_iterations = 2000;
   double confidence = 0.999;
+  int refined_samples = 1;
 
   void Visit(OptionVisitor& v) {
     v.Value("min_iterations", min_iterations, "Samples drawn at least.", 1);
     v.Value("max_iterations", max_iterations, "Samples drawn at most.", 1);
     v.Value("confidence", confidence, "Probability of having drawn an all-inlier sample.", 0.0,
             1.0 - 1e-9);
+    v.Value("refined_samples", refined_samples,
+            "Of the samples' models, how many of the best are refined: the more, the less the "
+            "result depends on which samples were drawn.",
+            1, 1000);
   }
 };
+
+/// What a datum with the squared residual r^2 costs, up to the threshold T^2.
+enum class RansacLoss {
+  kTruncated,   // r^2 (MSAC).
+  kOverScales,  // The mean of that over all noise from none to what is said: 2 T r - r^2.
+};
+
+inline double LossOf(RansacLoss loss, double squared, double squared_threshold) {
+  if (!(squared < squared_threshold)) return squared_threshold;
+  if (loss == RansacLoss::kTruncated) return squared;
+  return 2.0 * std::sqrt(squared * squared_threshold) - squared;
+}
+
+/// Derivative of the loss by the squared residual: weight of a datum in a least squares step.
+inline double LossWeight(RansacLoss loss, double squared, double squared_threshold) {
+  constexpr double kLeastResidual = 0.05;  // Of the threshold; keeps weights finite.
+  if (!(squared < squared_threshold)) return 0.0;
+  if (loss == RansacLoss::kTruncated) return 1.0;
+  return 1.0 / std::max(kLeastResidual, std::sqrt(squared / squared_threshold)) - 1.0;
+}
 
 /// What a model estimator offers to Ransac. Residuals are in units of their own standard deviation,
 /// so the inlier threshold has no unit.
@@ -35,6 +61,7 @@ concept RansacEstimator = requires(const E& estimator, const typename E::Model& 
                                    std::array<size_t, E::kSampleSize> sample,
                                    std::vector<typename E::Model>& models,
                                    std::span<const size_t> inliers, Rng& rng) {
+  { E::kLoss } -> std::convertible_to<RansacLoss>;
   /// Number of data.
   { estimator.size() } -> std::convertible_to<size_t>;
   /// Indices of a minimal sample.
@@ -50,7 +77,7 @@ concept RansacEstimator = requires(const E& estimator, const typename E::Model& 
 template <typename Model>
 struct RansacResult {
   Model model;
-  double score = 0.0;           // Sum of the truncated squared errors (MSAC), lower is better.
+  double score = 0.0;           // Sum of the losses, lower is better.
   std::vector<size_t> inliers;  // Ascending.
   int iterations = 0;
 };
@@ -84,11 +111,11 @@ inline int RansacIterations(double inlier_ratio, size_t sample_size, const Ransa
 namespace internal {
 
 template <typename Estimator>
-double MsacScore(const Estimator& estimator, const typename Estimator::Model& model,
-                 double squared_threshold, double give_up_above) {
+double ScoreOf(const Estimator& estimator, const typename Estimator::Model& model,
+               double squared_threshold, double give_up_above) {
   double score = 0.0;
   for (size_t i = 0; i < estimator.size() && score <= give_up_above; ++i) {
-    score += std::min(estimator.SquaredError(model, i), squared_threshold);
+    score += LossOf(Estimator::kLoss, estimator.SquaredError(model, i), squared_threshold);
   }
   return score;
 }
@@ -113,9 +140,10 @@ bool MayScoreBelow(const Estimator& estimator, const typename Estimator::Model& 
   double sum = 0.0;
   double squares = 0.0;
   for (const size_t i : probe) {
-    const double error = std::min(estimator.SquaredError(model, i), squared_threshold);
-    sum += error;
-    squares += error * error;
+    const double loss =
+        LossOf(Estimator::kLoss, estimator.SquaredError(model, i), squared_threshold);
+    sum += loss;
+    squares += loss * loss;
   }
   const auto count = static_cast<double>(probe.size());
   const double mean = sum / count;
@@ -141,7 +169,7 @@ void RefineLocally(const Estimator& estimator, double squared_threshold,
   for (int i = 0; i < kMaxRefinements; ++i) {
     const auto refined = estimator.Refine(best.model, best.inliers);
     if (!refined) return;
-    const double score = MsacScore(estimator, *refined, squared_threshold, best.score);
+    const double score = ScoreOf(estimator, *refined, squared_threshold, best.score);
     if (!(score < best.score)) return;
     best.model = *refined;
     best.score = score;
@@ -149,11 +177,48 @@ void RefineLocally(const Estimator& estimator, double squared_threshold,
   }
 }
 
+/// The best models among those that samples gave and that were not refined yet.
+template <typename Model>
+class RunnersUp {
+ public:
+  explicit RunnersUp(size_t capacity) : capacity_(capacity) {}
+
+  /// The score from which on a model is not kept.
+  [[nodiscard]] double Limit() const {
+    if (models_.size() < capacity_) return std::numeric_limits<double>::max();
+    return models_.empty() ? std::numeric_limits<double>::lowest() : models_.back().first;
+  }
+  void Add(double score, const Model& model) {
+    if (!(score < Limit())) return;
+    if (models_.size() == capacity_) models_.pop_back();
+    const auto at = std::find_if(models_.begin(), models_.end(),
+                                 [&](const auto& other) { return score < other.first; });
+    models_.insert(at, {score, model});
+  }
+  [[nodiscard]] const std::vector<std::pair<double, Model>>& models() const { return models_; }
+
+ private:
+  size_t capacity_;
+  std::vector<std::pair<double, Model>> models_;  // By score, the lowest first.
+};
+
+/// A model with its inliers, refined; empty if it has fewer than a sample.
+template <typename Estimator>
+std::optional<RansacResult<typename Estimator::Model>> Refined(
+    const Estimator& estimator, const typename Estimator::Model& model, double score,
+    double squared_threshold) {
+  RansacResult<typename Estimator::Model> result{
+      model, score, FindInliers(estimator, model, squared_threshold), 0};
+  if (result.inliers.size() < Estimator::kSampleSize) return std::nullopt;
+  RefineLocally(estimator, squared_threshold, result);
+  return result;
+}
+
 }  // namespace internal
 
-/// MSAC (Torr and Zisserman 2000) with local refinement of every new best model (Chum et al. 2003).
-/// `threshold` is in standard deviations. Empty if there are fewer data than a sample needs, or no
-/// sample gave a model with as many inliers.
+/// RANSAC with the estimator's loss and local refinement (Chum et al. 2003) of every new best model,
+/// at the end also of the next best ones. `threshold` is in standard deviations. Empty if there are
+/// fewer data than a sample needs, or no sample gave a model with as many inliers.
 template <RansacEstimator Estimator>
 std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& estimator,
                                                               double threshold,
@@ -164,6 +229,7 @@ std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& e
   const double squared_threshold = threshold * threshold;
   const std::vector<size_t> probe = internal::ProbeOf(estimator.size());
   std::optional<RansacResult<Model>> best;
+  internal::RunnersUp<Model> runners_up(static_cast<size_t>(options.refined_samples - 1));
   std::vector<Model> models;
   int needed = options.max_iterations;
   int iteration = 0;
@@ -171,21 +237,27 @@ std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& e
     models.clear();
     estimator.Estimate(estimator.DrawSample(rng), models);
     for (const Model& model : models) {
-      const double limit = best ? best->score : std::numeric_limits<double>::max();
+      const double limit = best ? std::max(best->score, runners_up.Limit())
+                                : std::numeric_limits<double>::max();
       if (best && !internal::MayScoreBelow(estimator, model, squared_threshold, limit, probe)) {
         continue;
       }
-      const double score = internal::MsacScore(estimator, model, squared_threshold, limit);
-      if (best && !(score < best->score)) continue;
-      RansacResult<Model> found{model, score,
-                                internal::FindInliers(estimator, model, squared_threshold), 0};
-      if (found.inliers.size() < Estimator::kSampleSize) continue;
-      internal::RefineLocally(estimator, squared_threshold, found);
-      best = std::move(found);
+      const double score = internal::ScoreOf(estimator, model, squared_threshold, limit);
+      if (best && !(score < best->score)) {
+        runners_up.Add(score, model);
+        continue;
+      }
+      auto refined = internal::Refined(estimator, model, score, squared_threshold);
+      if (!refined) continue;
+      best = std::move(refined);
       const double ratio =
           static_cast<double>(best->inliers.size()) / static_cast<double>(estimator.size());
       needed = RansacIterations(ratio, Estimator::kSampleSize, options);
     }
+  }
+  for (const auto& [score, model] : runners_up.models()) {
+    auto refined = internal::Refined(estimator, model, score, squared_threshold);
+    if (refined && refined->score < best->score) best = std::move(refined);
   }
   if (best) best->iterations = iteration;
   return best;
