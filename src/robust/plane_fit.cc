@@ -188,7 +188,7 @@ class PlaneEstimator {
 
   [[nodiscard]] std::optional<Plane> Refine(const Plane& plane,
                                             std::span<const size_t> inliers) const {
-    constexpr int kRounds = 5;
+    constexpr int kRounds = 2;
     std::vector<double> weights(inliers.size());
     PlaneFit fit;
     fit.plane = plane;

@@ -229,23 +229,22 @@ TEST(FitPlaneRobustly, IsDeterministicInTheSeed) {
   EXPECT_EQ(first->plane.offset, second->plane.offset);
 }
 
-TEST(RansacIterations, FollowsTheFormula) {
-  RansacOptions options;
-  options.min_iterations = 1;
-  options.max_iterations = 100000;
-  options.confidence = 0.99;
-  EXPECT_EQ(RansacIterations(0.5, 3, options), 35);  // log(0.01) / log(1 - 0.125) = 34.5
-  EXPECT_EQ(RansacIterations(1.0, 3, options), 1);
-  EXPECT_EQ(RansacIterations(0.0, 3, options), 100000);
-}
-
-TEST(DrawUniformSample, DrawsDifferentIndices) {
-  Rng rng(7);
-  for (int i = 0; i < 100; ++i) {
-    const auto sample = DrawUniformSample<3>(3, rng);
-    EXPECT_EQ(sample[0] + sample[1] + sample[2], 3U);
-    EXPECT_NE(sample[0], sample[1]);
+TEST(FitPlaneRobustly, TakesOneOfTwoLayersAndNotTheMiddle) {
+  // Points scatter by a tenth of what they claim; the layers are 2.5 of the claimed sigma apart.
+  constexpr double kClaimed = 0.02;
+  Rng rng(4);
+  std::vector<UncertainPoint> points;
+  for (const double offset : {0.0, 2.5 * kClaimed}) {
+    for (UncertainPoint& point :
+         SamplePlane(MakePlane({0, 0, 1}, offset), 100, 1.0, 0.1 * kClaimed, rng)) {
+      point.covariance = kClaimed * kClaimed * Eigen::Matrix3d::Identity();
+      points.push_back(point);
+    }
   }
+  const auto fit = FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng);
+  ASSERT_TRUE(fit);
+  EXPECT_EQ(fit->inliers.size(), 100U);
+  EXPECT_LT(fit->rms, 0.2 * kClaimed);
 }
 
 }  // namespace

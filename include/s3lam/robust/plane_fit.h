@@ -24,7 +24,7 @@ struct UncertainPoint {
 
 struct PlaneFitOptions {
   /// Of a rough surface no sample gives quite the best plane: fewer leave it to which were drawn.
-  RansacOptions ransac{.min_iterations = 1000, .refined_samples = 8};
+  RansacOptions ransac{.min_iterations = 300, .refined_samples = 6};
   double inlier_sigmas = 1.96;
   double local_radius = 0.3;
   double max_tilt_sigma_deg = 3.0;

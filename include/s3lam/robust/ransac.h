@@ -6,6 +6,7 @@
 #include <concepts>
 #include <cstddef>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <utility>
@@ -37,21 +38,28 @@ struct RansacOptions {
 /// What a datum with the squared residual r^2 costs, up to the threshold T^2.
 enum class RansacLoss {
   kTruncated,   // r^2 (MSAC).
-  kOverScales,  // The mean of that over all noise from none to what is said: 2 T r - r^2.
+  kOverScales,  // The mean of that over the noise, from a quarter of what is said to all of it.
 };
+
+/// The least noise of kOverScales, of what is said.
+inline constexpr double kLeastNoise = 0.25;
 
 inline double LossOf(RansacLoss loss, double squared, double squared_threshold) {
   if (!(squared < squared_threshold)) return squared_threshold;
   if (loss == RansacLoss::kTruncated) return squared;
-  return 2.0 * std::sqrt(squared * squared_threshold) - squared;
+  if (squared < kLeastNoise * kLeastNoise * squared_threshold) return squared / kLeastNoise;
+  // With less noise than r / T a datum is an outlier, with more it costs r^2 / noise^2.
+  return (2.0 * std::sqrt(squared * squared_threshold) - squared -
+          kLeastNoise * squared_threshold) /
+         (1.0 - kLeastNoise);
 }
 
-/// Derivative of the loss by the squared residual: weight of a datum in a least squares step.
+/// Weight of a datum in a least squares step: the derivative of the loss by the squared residual.
 inline double LossWeight(RansacLoss loss, double squared, double squared_threshold) {
-  constexpr double kLeastResidual = 0.05;  // Of the threshold; keeps weights finite.
   if (!(squared < squared_threshold)) return 0.0;
   if (loss == RansacLoss::kTruncated) return 1.0;
-  return 1.0 / std::max(kLeastResidual, std::sqrt(squared / squared_threshold)) - 1.0;
+  const double ratio = std::max(kLeastNoise, std::sqrt(squared / squared_threshold));
+  return (1.0 / ratio - 1.0) / (1.0 - kLeastNoise);
 }
 
 /// What a model estimator offers to Ransac. Residuals are in units of their own standard deviation,
@@ -110,45 +118,44 @@ inline int RansacIterations(double inlier_ratio, size_t sample_size, const Ransa
 
 namespace internal {
 
-template <typename Estimator>
-double ScoreOf(const Estimator& estimator, const typename Estimator::Model& model,
-               double squared_threshold, double give_up_above) {
-  double score = 0.0;
-  for (size_t i = 0; i < estimator.size() && score <= give_up_above; ++i) {
-    score += LossOf(Estimator::kLoss, estimator.SquaredError(model, i), squared_threshold);
-  }
-  return score;
+/// All indices below n, so that any first part of them is spread over all.
+inline std::vector<size_t> SpreadOrder(size_t n) {
+  constexpr double kGoldenSection = 0.6180339887498949;
+  auto stride = static_cast<size_t>(kGoldenSection * static_cast<double>(n)) | 1U;
+  while (std::gcd(stride, n) != 1) ++stride;
+  std::vector<size_t> order;
+  for (size_t i = 0; i < n; ++i) order.push_back(i * stride % n);
+  return order;
 }
 
-/// Data spread evenly over all of them, of which a part of the score is known soon. None where
-/// there are too few for that to be worth it.
-inline std::vector<size_t> ProbeOf(size_t size) {
-  constexpr size_t kCount = 48;
-  std::vector<size_t> probe;
-  if (size < 3 * kCount) return probe;
-  for (size_t i = 0; i < kCount; ++i) probe.push_back((2 * i + 1) * size / (2 * kCount));
-  return probe;
-}
-
-/// Does the probe leave it possible that the model's score is below the limit? Wrongly denied to
-/// one of a thousand that are just below it.
+/// The score of a model; empty as soon as it will not be below the limit, or most probably not: by
+/// three standard deviations of what the data looked at so far say.
 template <typename Estimator>
-bool MayScoreBelow(const Estimator& estimator, const typename Estimator::Model& model,
-                   double squared_threshold, double limit, const std::vector<size_t>& probe) {
-  if (probe.empty()) return true;
+std::optional<double> ScoreBelow(const Estimator& estimator, const typename Estimator::Model& model,
+                                 double squared_threshold, double limit,
+                                 const std::vector<size_t>& order) {
+  constexpr size_t kFirstLook = 48;
   constexpr double kSigmas = 3.0;
+  const auto all = static_cast<double>(order.size());
   double sum = 0.0;
   double squares = 0.0;
-  for (const size_t i : probe) {
+  size_t next_look = kFirstLook;
+  for (size_t k = 0; k < order.size(); ++k) {
     const double loss =
-        LossOf(Estimator::kLoss, estimator.SquaredError(model, i), squared_threshold);
+        LossOf(Estimator::kLoss, estimator.SquaredError(model, order[k]), squared_threshold);
     sum += loss;
     squares += loss * loss;
+    if (!(sum < limit)) return std::nullopt;
+    if (k + 1 < next_look) continue;
+    const auto count = static_cast<double>(k + 1);
+    const double mean = sum / count;
+    const double variance = std::max(0.0, squares / count - mean * mean);
+    // The data not looked at yet scatter about their sum with the sum's own error.
+    const double sigma = std::sqrt(variance * all * (all - count) / count);
+    if (!(mean * all - kSigmas * sigma < limit)) return std::nullopt;
+    next_look *= 2;
   }
-  const auto count = static_cast<double>(probe.size());
-  const double mean = sum / count;
-  const double sigma = std::sqrt(std::max(0.0, squares / count - mean * mean) / count);
-  return (mean - kSigmas * sigma) * static_cast<double>(estimator.size()) < limit;
+  return sum;
 }
 
 template <typename Estimator>
@@ -164,15 +171,16 @@ std::vector<size_t> FindInliers(const Estimator& estimator, const typename Estim
 /// Refits to the inliers as long as that lowers the score.
 template <typename Estimator>
 void RefineLocally(const Estimator& estimator, double squared_threshold,
+                   const std::vector<size_t>& order,
                    RansacResult<typename Estimator::Model>& best) {
   constexpr int kMaxRefinements = 10;
   for (int i = 0; i < kMaxRefinements; ++i) {
     const auto refined = estimator.Refine(best.model, best.inliers);
     if (!refined) return;
-    const double score = ScoreOf(estimator, *refined, squared_threshold, best.score);
-    if (!(score < best.score)) return;
+    const auto score = ScoreBelow(estimator, *refined, squared_threshold, best.score, order);
+    if (!score) return;
     best.model = *refined;
-    best.score = score;
+    best.score = *score;
     best.inliers = FindInliers(estimator, best.model, squared_threshold);
   }
 }
@@ -206,19 +214,19 @@ class RunnersUp {
 template <typename Estimator>
 std::optional<RansacResult<typename Estimator::Model>> Refined(
     const Estimator& estimator, const typename Estimator::Model& model, double score,
-    double squared_threshold) {
+    double squared_threshold, const std::vector<size_t>& order) {
   RansacResult<typename Estimator::Model> result{
       model, score, FindInliers(estimator, model, squared_threshold), 0};
   if (result.inliers.size() < Estimator::kSampleSize) return std::nullopt;
-  RefineLocally(estimator, squared_threshold, result);
+  RefineLocally(estimator, squared_threshold, order, result);
   return result;
 }
 
 }  // namespace internal
 
-/// RANSAC with the estimator's loss and local refinement (Chum et al. 2003) of every new best model,
-/// at the end also of the next best ones. `threshold` is in standard deviations. Empty if there are
-/// fewer data than a sample needs, or no sample gave a model with as many inliers.
+/// RANSAC with the estimator's loss and local refinement (Chum et al. 2003) of every new best
+/// model, at the end also of the next best ones. `threshold` is in standard deviations. Empty if
+/// there are fewer data than a sample needs, or no sample gave a model with as many inliers.
 template <RansacEstimator Estimator>
 std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& estimator,
                                                               double threshold,
@@ -227,7 +235,7 @@ std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& e
   using Model = typename Estimator::Model;
   if (estimator.size() < Estimator::kSampleSize) return std::nullopt;
   const double squared_threshold = threshold * threshold;
-  const std::vector<size_t> probe = internal::ProbeOf(estimator.size());
+  const std::vector<size_t> order = internal::SpreadOrder(estimator.size());
   std::optional<RansacResult<Model>> best;
   internal::RunnersUp<Model> runners_up(static_cast<size_t>(options.refined_samples - 1));
   std::vector<Model> models;
@@ -237,17 +245,15 @@ std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& e
     models.clear();
     estimator.Estimate(estimator.DrawSample(rng), models);
     for (const Model& model : models) {
-      const double limit = best ? std::max(best->score, runners_up.Limit())
-                                : std::numeric_limits<double>::max();
-      if (best && !internal::MayScoreBelow(estimator, model, squared_threshold, limit, probe)) {
+      const double limit =
+          best ? std::max(best->score, runners_up.Limit()) : std::numeric_limits<double>::max();
+      const auto score = internal::ScoreBelow(estimator, model, squared_threshold, limit, order);
+      if (!score) continue;
+      if (best && !(*score < best->score)) {
+        runners_up.Add(*score, model);
         continue;
       }
-      const double score = internal::ScoreOf(estimator, model, squared_threshold, limit);
-      if (best && !(score < best->score)) {
-        runners_up.Add(score, model);
-        continue;
-      }
-      auto refined = internal::Refined(estimator, model, score, squared_threshold);
+      auto refined = internal::Refined(estimator, model, *score, squared_threshold, order);
       if (!refined) continue;
       best = std::move(refined);
       const double ratio =
@@ -256,7 +262,7 @@ std::optional<RansacResult<typename Estimator::Model>> Ransac(const Estimator& e
     }
   }
   for (const auto& [score, model] : runners_up.models()) {
-    auto refined = internal::Refined(estimator, model, score, squared_threshold);
+    auto refined = internal::Refined(estimator, model, score, squared_threshold, order);
     if (refined && refined->score < best->score) best = std::move(refined);
   }
   if (best) best->iterations = iteration;
