@@ -178,7 +178,7 @@ Gauge ChooseGauge(const BundleProblem& problem) {
 }
 
 double MeasureKeypointSigma(const BundleMap& map) {
-  constexpr double kLeastSigma = 0.1;  // [px]
+  constexpr double kLeastSigma = 0.05;  // [px]
   const BundleProblem& problem = map.problem;
   const std::vector<Rigid3> poses = PosesOf(problem);
   std::vector<double> errors;

@@ -71,8 +71,9 @@ void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
 }
 
 void AdjustAligned(const Options& options, const Undistorter& undistorter, const Submaps& maps) {
+  if (!options.second_pass.patches.enabled) return;
   const AlignmentNoiseOptions& noise = options.second_pass.noise;
-  if (!options.second_pass.patches.enabled || !noise.measured) return;
+  if (!noise.measured) return AdjustMaps(options, maps);
   for (const auto& builder : maps) {
     Map& map = builder->map();
     MeasureAlignedSigmas(noise, undistorter, map);

@@ -24,8 +24,9 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
 void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
                  Undistorter& undistorter, const Submaps& maps, Report& report);
 
-/// Adjusts maps whose observations are aligned with the noise that these turn out to have. Not
-/// before the camera is refined: what is wrong with it must not count as outliers.
+/// Adjusts maps whose observations are aligned, with the noise that these turn out to have, until
+/// no outlier is left. Not before the camera is refined: what is wrong with it must not count as
+/// one.
 void AdjustAligned(const Options& options, const Undistorter& undistorter, const Submaps& maps);
 
 }  // namespace s3lam::slam

@@ -18,6 +18,8 @@
 namespace s3lam::slam {
 namespace {
 
+/// Bundle adjustments between steps of aligning: AdjustAligned comes after those.
+constexpr int kRoundsBetween = 1;
 constexpr double kFastKeyframeRatio = 0.75;
 constexpr double kFastCoverage = 0.7;
 constexpr std::array<std::string_view, 2> kAccuracyNames{"fast", "high"};
@@ -120,9 +122,9 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
   Map& map = builder.map();
   const FrameImages images{input.read_gray, input.read_mask};
   const int read_threads = input.concurrent_reads ? options.num_threads : 1;
-  const auto adjust = [&] {
+  const auto adjust = [&](int rounds) {
     const ScopedStep step(seconds, "global bundle adjustment");
-    builder.mapper().AdjustGlobally(map, options.global_rounds, options.num_threads);
+    builder.mapper().AdjustGlobally(map, rounds, options.num_threads);
   };
   {
     const ScopedStep step(seconds, "features of keyframes");
@@ -134,7 +136,7 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
       const ScopedStep step(seconds, "matching again");
       MatchAgain(options.second_pass, builder.mapper(), map);
     }
-    adjust();
+    adjust(options.global_rounds);
   }
   if (!options.second_pass.patches.enabled) return;
   std::optional<PatchPass> pass;
@@ -147,7 +149,7 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
       const PatchRefinement refinement = pass->RefineObservations(map);
       spdlog::info("{} of {} observations aligned", refinement.num_refined, refinement.num_tried);
     }
-    adjust();
+    adjust(kRoundsBetween);
   };
   align();
   if (options.second_pass.extend_tracks) {
@@ -155,7 +157,7 @@ void ImproveMap(const Options& options, const Input& input, const Undistorter& u
       const ScopedStep step(seconds, "extending tracks");
       spdlog::info("{} observations found by patches", pass->ExtendTracks(map));
     }
-    adjust();
+    adjust(kRoundsBetween);
   }
   if (options.second_pass.align_again) align();
 }

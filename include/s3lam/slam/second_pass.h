@@ -14,7 +14,7 @@ struct AlignmentNoiseOptions {
   bool measured = true;
   double quantile = 0.9;
   int min_residuals = 200;
-  double min_sigma_px = 0.1;
+  double min_sigma_px = 0.05;
   double max_reprojection_sigma = 4.0;
 
   void Visit(OptionVisitor& v);
