@@ -23,7 +23,8 @@ struct UncertainPoint {
 };
 
 struct PlaneFitOptions {
-  /// Of a rough surface no sample gives quite the best plane: fewer leave it to which were drawn.
+  /// Of a rough surface no sample gives quite the best plane: with one refined alone, or fewer
+  /// drawn, the result is left to chance.
   RansacOptions ransac{.min_iterations = 300, .refined_samples = 6};
   double inlier_sigmas = 1.96;
   double local_radius = 0.3;
@@ -94,7 +95,8 @@ std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
 /// the roughness. The fit as given where the weights leave the plane undetermined.
 PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& fit);
 
-/// The plane that most points support: MSAC over minimal samples, then FitPlane on the inliers.
+/// The plane that most points support, the closer they are to it the more: Ransac over minimal
+/// samples with RansacLoss::kOverScales, then FitPlane on the inliers.
 /// Empty if the points are degenerate, the support leaves the normal less certain than
 /// max_tilt_sigma_deg, or no plane has its normal in the band.
 std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,

@@ -37,7 +37,7 @@ double EstimateKeypointSigma(const Reconstruction& reconstruction);
 std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruction,
                                                const ScenePoint& point, double sigma_px);
 
-/// Fits planes to every cluster of a planar class, by MSAC and weighted least squares, as long as
+/// Fits planes to every cluster of a planar class, by RANSAC and weighted least squares, as long as
 /// what is left of the cluster supports another with the class's minimum of inliers. What a point
 /// may miss a plane by is its covariance along the normal, for keypoints of `keypoint_sigma_px`,
 /// and the surface's roughness. A plane is one connected patch; patches that are one within their
