@@ -18,6 +18,8 @@ constexpr double kSearchRadius = 0.1;   // Of the image's longer side.
 constexpr int kMaxMissed = 2;           // Frames in a row that a track may miss.
 constexpr double kFirstFlow = 0.03;     // Median flow, of the longer side, that is worth a try.
 constexpr double kFlowGrowth = 1.4;     // Between tries.
+constexpr double kTrackLoss = 1.4;      // Between tries of a thorough search.
+constexpr double kLessParallax = 0.5;   // That a thorough search is content with.
 constexpr double kGoodErrorGain = 6.0;  // The depth of a typical track is known to a fifth.
 constexpr size_t kStartsAtOnce = 8;     // A fixed number, so that threads change nothing.
 
@@ -97,25 +99,52 @@ double Quality(const InitializerOptions& options, const InitialPair& pair) {
          std::min(1.0, gain / kGoodErrorGain);
 }
 
-/// The best pair that begins with frame `start`.
+/// The best pair that begins with frame `start`. A thorough search also tries what is left of the
+/// tracks whenever many have ended: on a straight drive what is near and flows much is soon lost.
 std::optional<InitialPair> BestPairFrom(const InitializerOptions& options,
                                         std::span<const FrameFeatures> frames,
-                                        const Undistorter& undistorter, int start) {
+                                        const Undistorter& undistorter, int start, bool thorough) {
   const int end = static_cast<int>(frames.size());
   const double side = std::max(undistorter.camera().width, undistorter.camera().height);
   PairEvaluator evaluator(options, frames, undistorter);
   std::vector<Track> tracks = StartTracks(frames[start]);
   double next_flow = kFirstFlow * side;
+  double next_found = thorough ? static_cast<double>(tracks.size()) : 0.0;
   std::optional<InitialPair> best;
   for (int gap = 1; gap <= options.max_gap && start + gap < end; ++gap) {
     const int found =
         ExtendTracks(frames[start], frames[start + gap], kSearchRadius * side, tracks);
     if (found < options.min_matches) break;
     const double flow = MedianFlow(frames[start], tracks);
-    if (gap < kViewsOfPair - 1 || flow < next_flow) continue;
-    next_flow = kFlowGrowth * flow;
+    if (gap < kViewsOfPair - 1 || (flow < next_flow && found > next_found)) continue;
+    if (flow >= next_flow) next_flow = kFlowGrowth * flow;
+    if (thorough) next_found = found / kTrackLoss;
     const auto pair = evaluator.Evaluate(start, gap, tracks);
     if (pair && (!best || Quality(options, *pair) > Quality(options, *best))) best = pair;
+    if (best && Quality(options, *best) >= 1.0) break;
+  }
+  return best;
+}
+
+/// The best pair of those that begin with frames spread over the sequence.
+std::optional<InitialPair> BestPair(const InitializerOptions& options,
+                                    std::span<const FrameFeatures> frames,
+                                    const Undistorter& undistorter, int num_threads,
+                                    bool thorough) {
+  const int end = static_cast<int>(frames.size());
+  const int step = std::max(1, end / options.num_starts);
+  std::vector<int> starts;
+  for (int start = 0; start + kViewsOfPair <= end; start += step) starts.push_back(start);
+  std::optional<InitialPair> best;
+  for (size_t first = 0; first < starts.size(); first += kStartsAtOnce) {
+    const size_t count = std::min(kStartsAtOnce, starts.size() - first);
+    std::vector<std::optional<InitialPair>> found(count);
+    ParallelFor(count, num_threads, [&](size_t i) {
+      found[i] = BestPairFrom(options, frames, undistorter, starts[first + i], thorough);
+    });
+    for (const auto& pair : found) {
+      if (pair && (!best || Quality(options, *pair) > Quality(options, *best))) best = pair;
+    }
     if (best && Quality(options, *best) >= 1.0) break;
   }
   return best;
@@ -139,23 +168,12 @@ void InitializerOptions::Visit(OptionVisitor& v) {
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
                                            std::span<const FrameFeatures> frames,
                                            const Undistorter& undistorter, int num_threads) {
-  const int end = static_cast<int>(frames.size());
-  const int step = std::max(1, end / options.num_starts);
-  std::vector<int> starts;
-  for (int start = 0; start + kViewsOfPair <= end; start += step) starts.push_back(start);
-  std::optional<InitialPair> best;
-  for (size_t first = 0; first < starts.size(); first += kStartsAtOnce) {
-    const size_t count = std::min(kStartsAtOnce, starts.size() - first);
-    std::vector<std::optional<InitialPair>> found(count);
-    ParallelFor(count, num_threads, [&](size_t i) {
-      found[i] = BestPairFrom(options, frames, undistorter, starts[first + i]);
-    });
-    for (const auto& pair : found) {
-      if (pair && (!best || Quality(options, *pair) > Quality(options, *best))) best = pair;
-    }
-    if (best && Quality(options, *best) >= 1.0) break;
+  if (auto pair = BestPair(options, frames, undistorter, num_threads, /*thorough=*/false)) {
+    return pair;
   }
-  return best;
+  InitializerOptions content = options;
+  content.min_parallax_deg *= kLessParallax;
+  return BestPair(content, frames, undistorter, num_threads, /*thorough=*/true);
 }
 
 }  // namespace s3lam
