@@ -116,7 +116,9 @@ std::optional<InitialPair> BestPairFrom(const InitializerOptions& options,
         ExtendTracks(frames[start], frames[start + gap], kSearchRadius * side, tracks);
     if (found < options.min_matches) break;
     const double flow = MedianFlow(frames[start], tracks);
-    if (gap < kViewsOfPair - 1 || (flow < next_flow && found > next_found)) continue;
+    const bool is_last = thorough && (gap == options.max_gap || start + gap + 1 == end);
+    const bool is_worth_a_try = flow >= next_flow || found <= next_found || is_last;
+    if (gap < kViewsOfPair - 1 || !is_worth_a_try) continue;
     if (flow >= next_flow) next_flow = kFlowGrowth * flow;
     if (thorough) next_found = found / kTrackLoss;
     const auto pair = evaluator.Evaluate(start, gap, tracks);

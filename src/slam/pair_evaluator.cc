@@ -19,8 +19,12 @@ constexpr int kRotationRounds = 3;
 /// Of a map over a mere rotation. Depths alone, one more unknown to a track's eight coordinates,
 /// give 1.2 where there is no parallax, and chance 1.8 at the most.
 constexpr double kMinErrorGain = 2.5;
+constexpr double kFarthest = 1e4;     // [distances between the outer views]
 constexpr double kLowQuantile = 0.2;  // Of the parallaxes: also what is far must be seen well.
 constexpr double kDegrees = 180.0 / std::numbers::pi;
+
+/// Is the point one without parallax to speak of, which stands for a direction?
+bool IsFar(const Eigen::Vector3d& point) { return point.norm() > 0.5 * kFarthest; }
 
 bool IsSameMotion(const Rigid3& a, const Rigid3& b) {
   constexpr double kSameTurn = 0.01;      // [rad]
@@ -106,8 +110,8 @@ std::vector<int> PairEvaluator::TriangulateTracks(const Rigid3& b_from_a,
     const Eigen::Vector2d b = *Pixel(*tracks_[t], kViewsOfPair - 1);
     const std::array<ViewingRay, 2> rays{ViewingRay{Rigid3{}, camera_.Normalize(a)},
                                          ViewingRay{b_from_a, camera_.Normalize(b)}};
-    const auto point = Triangulate(rays);
-    if (!point || point->norm() > 1e4) continue;
+    auto point = Triangulate(rays);
+    if (!point || point->norm() > kFarthest) point = kFarthest * Bearing(a);
     const double error =
         SquaredError(camera_, Rigid3{}, *point, a, InverseSigma(*tracks_[t], 0)) +
         SquaredError(camera_, b_from_a, *point, b, InverseSigma(*tracks_[t], kViewsOfPair - 1));
@@ -262,7 +266,7 @@ std::optional<InitialPair> PairEvaluator::Score(const std::vector<int>& point_of
     const int p = point_of_track[t];
     if (p < 0 || worst[p] > 5.991) continue;
     const Eigen::Vector3d& x = problem.points[p];
-    if (x.z() <= 0.0 || (pair.b_from_a * x).z() <= 0.0) continue;
+    if (x.z() <= 0.0 || (pair.b_from_a * x).z() <= 0.0 || IsFar(x)) continue;
     pair.points.push_back(
         {KeypointOf(*tracks_[t], 0), KeypointOf(*tracks_[t], kViewsOfPair - 1), x});
     depths.push_back(x.z());

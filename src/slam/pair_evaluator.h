@@ -47,6 +47,8 @@ class PairEvaluator {
   /// Triangulates from the outer views, poses the inner ones, adjusts, and scores over all tracks.
   [[nodiscard]] std::optional<InitialPair> EvaluateMotion(const Rigid3& b_from_a) const;
 
+  /// The point of each track, -1 where no point explains its ends. A track without any parallax is
+  /// none that a motion fails to explain: it gets a point far away, in its direction.
   std::vector<int> TriangulateTracks(const Rigid3& b_from_a, BaProblem& problem) const;
 
   /// Mean squared error, in sigma and capped, of the rotations and directions that fit the tracks

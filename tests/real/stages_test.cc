@@ -43,8 +43,11 @@ class RealStages : public ::testing::Test {
     return json::parse(result.output);
   }
 
-  [[nodiscard]] json Slam(const std::string& sequence) const {
-    return Run("s3-slam", {"--sequence", Data(sequence), "--output", Output("slam")});
+  [[nodiscard]] json Slam(const std::string& sequence,
+                          const std::vector<std::string>& settings = {}) const {
+    std::vector<std::string> arguments = {"--sequence", Data(sequence), "--output", Output("slam")};
+    arguments.insert(arguments.end(), settings.begin(), settings.end());
+    return Run("s3-slam", arguments);
   }
 
   /// Lifts masks onto the SLAM's model and refines it with the planes found, and once without.
@@ -126,6 +129,12 @@ TEST_F(RealStages, Mh05) {
   EXPECT_EQ(report["frames"], 585);
   EXPECT_GE(report["frames_localized"], 520);
   EXPECT_LE(Ate("slam", "mh05/groundtruth.txt"), 0.08);
+}
+
+TEST_F(RealStages, StartsOnAFastStraightDrive) {
+  const json slam = Slam("kitti07", {"--frames", "60:85"});
+  EXPECT_EQ(slam["frames_localized"], 25);
+  EXPECT_LT(Ate("slam", "kitti07/groundtruth.txt"), 0.05);  // Of 20 m.
 }
 
 }  // namespace

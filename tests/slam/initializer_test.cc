@@ -55,6 +55,27 @@ TEST_F(InitializerTest, SettlesThePlanarAmbiguity) {
   ExpectRightMotion(*pair);
 }
 
+TEST_F(InitializerTest, StartsOnAFastStraightDrive) {
+  // Far points, which stay in sight and hardly move, outnumber near ones; the sequence is short.
+  Rng rng(8);
+  testing::PointCloud cloud;
+  for (int i = 0; i < 1500; ++i) {
+    const double side = rng.Below(2) == 0 ? -1.0 : 1.0;
+    cloud.points.emplace_back(side * rng.Uniform(3.0, 8.0), rng.Uniform(-2.0, 1.5),
+                              rng.Uniform(5.0, 120.0));
+    cloud.descriptors.push_back(testing::MakeDescriptor(rng));
+  }
+  std::vector<FrameFeatures> frames;
+  for (int i = 0; i < 12; ++i) {
+    poses_.push_back({Eigen::Quaterniond::Identity(), {0.0, 0.0, -0.8 * i}});
+    frames.push_back(testing::SeeCloud(cloud, poses_.back(), undistorter_, 0.5, rng));
+  }
+  const auto pair = FindInitialPair({}, frames, undistorter_, 1);
+  ASSERT_TRUE(pair.has_value());
+  EXPECT_LT(pair->parallax_deg, InitializerOptions().min_parallax_deg);
+  ExpectRightMotion(*pair);
+}
+
 TEST_F(InitializerTest, RefusesAPureRotation) {
   const auto frames = MakeFrames(false, Eigen::Vector3d::Zero(), {0.002, 0.012, 0.0});
   EXPECT_FALSE(FindInitialPair({}, frames, undistorter_, 1).has_value());
