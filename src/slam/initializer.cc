@@ -160,8 +160,8 @@ void InitializerOptions::Visit(OptionVisitor& v) {
   v.Value("max_gap", max_gap, "frames between the two of a pair at the most", 1, 10000);
   v.Value("min_matches", min_matches, "keypoints followed from one frame to the other", 10, 10000);
   v.Value("min_points", min_points, "points that a pair must give", 10, 10000);
-  v.Value("min_parallax_deg", min_parallax_deg, "median parallax that a pair must have [deg]", 0.1,
-          30.0);
+  v.Value("min_parallax_deg", min_parallax_deg,
+          "median parallax that a pair must have, half of it where none has [deg]", 0.1, 30.0);
   v.Value("good_parallax_deg", good_parallax_deg,
           "parallax that four fifths of the points must have to end the search [deg]", 0.1, 30.0);
   v.Value("good_points", good_points, "points that end the search", 10, 10000);
