@@ -26,6 +26,15 @@ HEADER = ["sequence", "frames of a clip", "every", "clips", "not mapped", "ATE /
           "worst", "which"]
 
 
+def number_from(least):
+    """Reads a whole number that is at least that, for argparse."""
+    def read(text):
+        if int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text} is less than {least}")
+        return int(text)
+    return read
+
+
 def clips_of(num_frames, length, stride):
     """Clips A:B:STEP that begin where the one before ends."""
     span = length * stride
@@ -66,8 +75,9 @@ def main():
                         help="folder of the real sequences")
     parser.add_argument("--sequences", nargs="+", choices=sorted(NUM_FRAMES),
                         default=list(NUM_FRAMES))
-    parser.add_argument("--lengths", nargs="+", type=int, default=[25, 50, 100])
-    parser.add_argument("--strides", nargs="+", type=int, default=[2, 3, 5],
+    parser.add_argument("--lengths", nargs="+", type=number_from(4), default=[25, 50, 100],
+                        help="frames of a clip")
+    parser.add_argument("--strides", nargs="+", type=number_from(1), default=[2, 3, 5],
                         help="of the whole sequence")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
