@@ -10,7 +10,6 @@ with the clip that is the worst. Python's standard library only.
 """
 
 import argparse
-import os
 import pathlib
 import statistics
 import sys
@@ -68,18 +67,11 @@ def measure(programs, sequence, name, length, stride, work):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
-    parser.add_argument("--data", type=pathlib.Path, required=True,
-                        help="folder of the real sequences")
-    parser.add_argument("--sequences", nargs="+", choices=sorted(NUM_FRAMES),
-                        default=list(NUM_FRAMES))
+    parser = sequences.real_sequences_parser(__doc__)
     parser.add_argument("--lengths", nargs="+", type=number_from(4), default=[25, 50, 100],
                         help="frames of a clip")
     parser.add_argument("--strides", nargs="+", type=number_from(1), default=[2, 3, 5],
                         help="of the whole sequence")
-    parser.add_argument("--threads", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     programs = stages.Programs(arguments.bin, arguments.threads, seed=0)
     rows = []

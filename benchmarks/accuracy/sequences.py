@@ -1,7 +1,9 @@
 """What is known of each sequence: where its masks, references and true planes are."""
 
+import argparse
 import dataclasses
 import json
+import os
 import pathlib
 
 import planes
@@ -118,6 +120,18 @@ def find(name, data, scenes):
         return synthetic_sequence(name, folder) if rendered else Sequence(name, folder, [], {})
     raise KeyError(f"{name}: no such sequence; there are "
                    f"{', '.join([*REAL, *SCENES, *presets.ALL])}")
+
+
+def real_sequences_parser(description):
+    """Of a script that runs the programs on the real sequences."""
+    parser = argparse.ArgumentParser(description=description,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
+    parser.add_argument("--data", type=pathlib.Path, required=True,
+                        help="folder of the real sequences")
+    parser.add_argument("--sequences", nargs="+", choices=sorted(REAL), default=list(REAL))
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    return parser
 
 
 def add_arguments(parser, seeds):

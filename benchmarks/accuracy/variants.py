@@ -10,11 +10,9 @@ Needs numpy and Pillow.
   variants.py --bin ../../build/bin --data DIR [--sequences kitti07] [--variants compressed narrow]
 """
 
-import argparse
 import io
 import json
 import multiprocessing
-import os
 import pathlib
 import sys
 import tempfile
@@ -163,14 +161,8 @@ def measure(programs, name, variant, arguments, work, pool):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
-    parser.add_argument("--data", type=pathlib.Path, required=True,
-                        help="folder of the real sequences")
-    parser.add_argument("--sequences", nargs="+", choices=sorted(CAMERAS), default=list(CAMERAS))
+    parser = sequences.real_sequences_parser(__doc__)
     parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
-    parser.add_argument("--threads", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     programs = stages.Programs(arguments.bin, arguments.threads, seed=0)
     header = ["images", "frames", "ATE", "in doubt", "mapped again", "frames, mapped once",
