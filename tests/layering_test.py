@@ -2,8 +2,8 @@
 """Holds every #include of the source tree against the layers declared in src/CMakeLists.txt.
 
 All modules share one include folder, so the compiler alone would let a module include one it does
-not list. Checked as well: the three stages do not reach one another, and the algorithms open no
-files.
+not list. Checked as well: the three stages do not reach one another, the algorithms open no files, and
+no two public headers define a type of the same name, since a program may include both.
 
 usage: layering_test.py SOURCE_DIR MODULE_LAYERS_FILE
 """
@@ -17,6 +17,8 @@ STAGES = ("slam", "semantics", "refine")
 FILE_MODULES = ("base", "io", "report", "synthetic")
 FILE_ACCESS = re.compile(r"#include <(fstream|filesystem|cstdio|opencv2/(imgcodecs|videoio)\.hpp)>"
                          r"|\bcv::(imread|imwrite)\b|\bfopen\b")
+NAMESPACE = re.compile(r"^namespace (s3lam[\w:]*) \{", re.MULTILINE)
+PUBLIC_TYPE = re.compile(r"^(?:struct|class|enum class) (\w+)[^;{]*\{", re.MULTILINE)
 OUR_INCLUDE = re.compile(r'^\s*#include\s+["<]s3lam/(\w+)/', re.MULTILINE)
 
 
@@ -70,11 +72,24 @@ def include_errors(root, layers):
                 yield f"{path.relative_to(root)}: opens files itself ({found.group(0)})"
 
 
+def name_errors(root):
+    """Types outside of any class that two public headers define in the same namespace."""
+    header_of = {}
+    for path in sorted((root / "include" / "s3lam").rglob("*.h")):
+        text = path.read_text()
+        namespaces = NAMESPACE.findall(text)
+        for name in PUBLIC_TYPE.findall(text):
+            full = f"{namespaces[-1]}::{name}"
+            if full in header_of:
+                yield f"{path.relative_to(root)}: {full} is in {header_of[full]} as well"
+            header_of[full] = path.relative_to(root)
+
+
 def main():
     root, layers = pathlib.Path(sys.argv[1]), read_layers(pathlib.Path(sys.argv[2]))
     if not layers:
         sys.exit(f"{sys.argv[2]}: no modules listed")
-    errors = [*layer_errors(layers), *include_errors(root, layers)]
+    errors = [*layer_errors(layers), *include_errors(root, layers), *name_errors(root)]
     for error in errors:
         print(error, file=sys.stderr)
     sys.exit(1 if errors else 0)

@@ -2,14 +2,11 @@
 
 #include <algorithm>
 
+#include "s3lam/geometry/convex_hull.h"
 #include "s3lam/robust/plane_fit.h"
 
 namespace s3lam {
 namespace {
-
-double Cross(const Eigen::Vector2d& o, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return (a.x() - o.x()) * (b.y() - o.y()) - (a.y() - o.y()) * (b.x() - o.x());
-}
 
 nlohmann::json ToJson(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -73,26 +70,6 @@ void Describe(const PlaneModel& model, const BundleMap& map, const PlaneSigmaOpt
 }
 
 }  // namespace
-
-std::vector<Eigen::Vector2d> ConvexHull(std::vector<Eigen::Vector2d> points) {
-  // Andrew's monotone chain.
-  std::sort(points.begin(), points.end(), [](const auto& a, const auto& b) {
-    return std::pair(a.x(), a.y()) < std::pair(b.x(), b.y());
-  });
-  if (points.size() < 3) return points;
-  std::vector<Eigen::Vector2d> hull;
-  const auto extend = [&hull](const Eigen::Vector2d& p, size_t keep) {
-    while (hull.size() >= keep + 2 && Cross(hull[hull.size() - 2], hull.back(), p) <= 0.0) {
-      hull.pop_back();
-    }
-    hull.push_back(p);
-  };
-  for (const Eigen::Vector2d& p : points) extend(p, 0);
-  const size_t lower = hull.size() - 1;
-  for (auto it = points.rbegin() + 1; it != points.rend(); ++it) extend(*it, lower);
-  hull.pop_back();
-  return hull;
-}
 
 SemanticMap RefinedSemantics(const SemanticMap& original, const PlaneModel& planes,
                              const BundleMap& map, const Reconstruction& refined,

@@ -50,7 +50,7 @@ std::unordered_map<PointId, Rgb> ClassColors(const RunFolder& run) {
 }
 
 struct ArmMap {
-  std::vector<MapPoint> points;
+  std::vector<ColoredPoint> points;
   std::vector<Vector3d> path;
 };
 

@@ -57,7 +57,7 @@ Eigen::Matrix3d ViewAxes(MapView view) {
   return axes;
 }
 
-ViewBounds BoundsOfView(MapView view, const std::vector<MapPoint>& points,
+ViewBounds BoundsOfView(MapView view, const std::vector<ColoredPoint>& points,
                         const std::vector<Vector3d>& path) {
   const Eigen::Matrix3d axes = ViewAxes(view);
   ViewBounds bounds;
@@ -66,7 +66,7 @@ ViewBounds BoundsOfView(MapView view, const std::vector<MapPoint>& points,
   bounds.max = -bounds.min;
   for (int axis = 0; axis < 2 && !points.empty(); ++axis) {
     std::vector<double> values;
-    for (const MapPoint& point : points) values.push_back(axes.row(axis).dot(point.xyz));
+    for (const ColoredPoint& point : points) values.push_back(axes.row(axis).dot(point.xyz));
     std::tie(bounds.min[axis], bounds.max[axis]) = MiddleOf(std::move(values));
   }
   for (const Vector3d& center : path) {
@@ -80,7 +80,7 @@ ViewBounds BoundsOfView(MapView view, const std::vector<MapPoint>& points,
   return bounds;
 }
 
-cv::Mat DrawMapView(MapView view, const ViewBounds& bounds, const std::vector<MapPoint>& points,
+cv::Mat DrawMapView(MapView view, const ViewBounds& bounds, const std::vector<ColoredPoint>& points,
                     const std::vector<Vector3d>& path, int width) {
   const Eigen::Matrix3d axes = ViewAxes(view);
   const Vector2d range = bounds.max - bounds.min;

@@ -12,6 +12,7 @@
 #include "plane_patches.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/base/statistics.h"
+#include "s3lam/geometry/convex_hull.h"
 
 namespace s3lam {
 namespace {
@@ -36,7 +37,7 @@ struct Candidates {
 };
 
 Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& cluster,
-                          double sigma_px, const PlaneOptions& options) {
+                          double sigma_px, const PlaneFittingOptions& options) {
   Candidates result;
   std::vector<double> depths;
   for (const PointId id : cluster.points) {
@@ -54,17 +55,14 @@ Candidates FindCandidates(const Reconstruction& reconstruction, const Cluster& c
     result.points.push_back({point.xyz, *covariance, roughness});
     depths.push_back(depth);
   }
-  if (depths.empty()) return result;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  result.median_depth = *middle;
+  result.median_depth = Median(std::move(depths));
   return result;
 }
 
 /// Joins planes of a cluster that are one surface, until none are. A surface whose points are less
 /// certain than they claim first comes apart into parallel layers.
-void JoinLayers(const Candidates& candidates, const PlaneOptions& options, std::vector<size_t> rest,
-                std::vector<PlaneFit>& fits) {
+void JoinLayers(const Candidates& candidates, const PlaneFittingOptions& options,
+                std::vector<size_t> rest, std::vector<PlaneFit>& fits) {
   const JoinLimits apart{options.merge_angle_deg * kRadPerDeg, options.merge_sigmas};
   const JoinLimits layered{options.layer_angle_deg * kRadPerDeg, options.layer_sigmas};
   for (size_t a = 0; a < fits.size(); ++a) {
@@ -142,7 +140,7 @@ struct Bands {
 /// The plane that most points support. A small surface leaves room for planes of quite different
 /// slopes; among such, one as expected is the likelier by far.
 std::optional<PlaneFit> FitLikeliestPlane(std::span<const UncertainPoint> points,
-                                          const Bands& bands, const PlaneOptions& options,
+                                          const Bands& bands, const PlaneFittingOptions& options,
                                           Rng& rng) {
   auto best = FitPlaneRobustly(points, options.fit, bands.possible, rng);
   if (!best || bands.expected.Contains(best->plane.normal)) return best;
@@ -155,7 +153,7 @@ std::optional<PlaneFit> FitLikeliestPlane(std::span<const UncertainPoint> points
 /// The next plane among the candidates listed in `rest`, as one connected patch of one surface.
 std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::vector<size_t>& rest,
                                      size_t min_inliers, const Bands& bands,
-                                     const PlaneOptions& options, Rng& rng) {
+                                     const PlaneFittingOptions& options, Rng& rng) {
   std::vector<UncertainPoint> points;
   for (const size_t i : rest) points.push_back(candidates.points[i]);
   const auto whole = FitLikeliestPlane(points, bands, options, rng);
@@ -175,7 +173,7 @@ std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::ve
 std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstruction,
                                               const Cluster& cluster, const Candidates& candidates,
                                               int min_class_inliers, const Bands& bands,
-                                              const PlaneOptions& options, Rng rng) {
+                                              const PlaneFittingOptions& options, Rng rng) {
   const double share = options.min_cluster_share * static_cast<double>(cluster.points.size());
   const auto min_inliers =
       static_cast<size_t>(std::max(static_cast<double>(min_class_inliers), share));
@@ -267,13 +265,9 @@ bool AllWithin(const std::vector<PlanarSurface>& surfaces, const NormalBand& ban
   });
 }
 
-double Cross(const Eigen::Vector2d& origin, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return (a.x() - origin.x()) * (b.y() - origin.y()) - (a.y() - origin.y()) * (b.x() - origin.x());
-}
-
 }  // namespace
 
-void PlaneOptions::Visit(OptionVisitor& v) {
+void PlaneFittingOptions::Visit(OptionVisitor& v) {
   v.Group("fit", fit, "Robust fit of one plane.");
   v.Value("min_keypoint_sigma_px", min_keypoint_sigma_px,
           "Keypoints are not trusted more than this [px]; above it their standard deviation is "
@@ -346,7 +340,8 @@ std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruct
 }
 
 void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
-               const PlaneOptions& options, uint64_t seed, int num_threads, SemanticMap& map) {
+               const PlaneFittingOptions& options, uint64_t seed, int num_threads,
+               SemanticMap& map) {
   const double sigma_px = std::max(options.min_keypoint_sigma_px, keypoint_sigma_px);
   std::vector<Task> tasks;
   for (const auto& [id, cluster] : map.clusters) {
@@ -383,29 +378,6 @@ void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
       map.planes.emplace(surface.id, std::move(surface));
     }
   }
-}
-
-std::vector<Eigen::Vector2d> ConvexHull(std::vector<Eigen::Vector2d> points) {
-  std::sort(points.begin(), points.end(), [](const auto& a, const auto& b) {
-    return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y();
-  });
-  points.erase(std::unique(points.begin(), points.end()), points.end());
-  if (points.size() < 3) return points;
-  // Andrew's monotone chain: the lower side from left to right, then the upper side back.
-  std::vector<Eigen::Vector2d> hull;
-  const auto add_side = [&hull](auto begin, auto end) {
-    const size_t base = hull.size();
-    for (auto it = begin; it != end; ++it) {
-      while (hull.size() >= base + 2 && Cross(hull[hull.size() - 2], hull.back(), *it) <= 0.0) {
-        hull.pop_back();
-      }
-      hull.push_back(*it);
-    }
-    hull.pop_back();  // The first of the next side.
-  };
-  add_side(points.begin(), points.end());
-  add_side(points.rbegin(), points.rend());
-  return hull;
 }
 
 }  // namespace s3lam

@@ -5,7 +5,7 @@
 #include <map>
 #include <utility>
 
-#include "s3lam/semantics/plane_fitting.h"
+#include "s3lam/geometry/convex_hull.h"
 
 namespace s3lam {
 namespace {

@@ -143,7 +143,7 @@ TEST(Overlay, AxesLieInThePlane) {
 }
 
 TEST(MapView, NearerPointsCoverFartherOnes) {
-  const std::vector<MapPoint> points = {{{0, 0, 1}, {255, 0, 0}}, {{0, 0, 0}, {0, 255, 0}}};
+  const std::vector<ColoredPoint> points = {{{0, 0, 1}, {255, 0, 0}}, {{0, 0, 0}, {0, 255, 0}}};
   const ViewBounds bounds{{-1, -1}, {1, 1}};
   const cv::Mat top = DrawMapView(MapView::kTop, bounds, points, {}, 100);
   EXPECT_EQ(top.size(), cv::Size(100, 100));
@@ -163,7 +163,7 @@ TEST(MapView, AxesAreRightHandedRotations) {
 }
 
 TEST(MapView, StrayPointsDoNotShrinkTheMap) {
-  std::vector<MapPoint> points;
+  std::vector<ColoredPoint> points;
   for (int i = 0; i < 1000; ++i) points.push_back({{i * 1e-3, i * 1e-3, 0.0}, {}});
   points.push_back({{1e6, -1e6, 0.0}, {}});
   const ViewBounds bounds = BoundsOfView(MapView::kTop, points, {});

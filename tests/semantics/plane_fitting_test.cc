@@ -55,7 +55,7 @@ Reconstruction CornerScene() {
 TEST(FitPlanes, FitsAFloorSeenFromAbove) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, true);
-  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneFittingOptions{}, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 1U);
   const PlanarSurface& plane = map.planes.at(PlaneId(0));
   EXPECT_EQ(plane.cluster_id, ClusterId(3));
@@ -68,7 +68,7 @@ TEST(FitPlanes, FitsAFloorSeenFromAbove) {
 TEST(FitPlanes, FindsSeveralPlanesInACluster) {
   const Reconstruction scene = CornerScene();
   SemanticMap map = OneCluster(scene, true);
-  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneFittingOptions{}, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 2U);
   EXPECT_NEAR(PlaneAngle(map.planes.at(PlaneId(0)).plane_in_world,
                          map.planes.at(PlaneId(1)).plane_in_world),
@@ -81,7 +81,7 @@ TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
   // Far less certain than their observations claim, as if poses were off.
   for (auto& [id, point] : scene.points) point.xyz.z() += rng.Gaussian(0.0, 0.1);
   SemanticMap map = OneCluster(scene, true);
-  PlaneOptions options;
+  PlaneFittingOptions options;
   FitPlanes(scene, EstimateKeypointSigma(scene), options, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 1U);
   EXPECT_GT(map.planes.begin()->second.plane_in_world.normal.z(), std::cos(1.0 * kDegree));
@@ -101,7 +101,7 @@ TEST(FitPlanes, TakesSurfacesThatNearlyLineUpForTwo) {
   for (auto& [id, point] : scene.points) {
     point.xyz.z() = (point.xyz.x() > 0.0 ? kStep : 0.0) + rng.Gaussian(0.0, 0.003);
   }
-  PlaneOptions options;
+  PlaneFittingOptions options;
   options.roughness = 0.01;  // Far more than there is: one plane holds both surfaces.
   FitPlanes(scene, EstimateKeypointSigma(scene), options, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 2U);
@@ -138,7 +138,7 @@ TEST(FitPlanes, PrefersTheExpectedOfTwoLikelyPlanes) {
   }
   map.clusters[floor.id] = floor;
   const double sigma_px = 0.5;
-  PlaneOptions options;
+  PlaneFittingOptions options;
   options.merge_angle_deg = options.layer_angle_deg = 1.0;
   const auto lean_of_first = [&] {
     FitPlanes(scene, sigma_px, options, 0, 1, map);
@@ -153,7 +153,7 @@ TEST(FitPlanes, PrefersTheExpectedOfTwoLikelyPlanes) {
 TEST(FitPlanes, GivesClassesThatAreNotPlanarNone) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, false);
-  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneFittingOptions{}, 0, 1, map);
   EXPECT_TRUE(map.planes.empty());
 }
 
@@ -161,7 +161,7 @@ TEST(FitPlanes, WantsTheClassesMinimumOfInliers) {
   const Reconstruction scene = FlatScene();
   SemanticMap map = OneCluster(scene, true);
   map.class_table.classes[0].min_plane_inliers = 201;
-  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneFittingOptions{}, 0, 1, map);
   EXPECT_TRUE(map.planes.empty());
 }
 
@@ -170,7 +170,7 @@ TEST(FitPlanes, RefusesPointsWithoutAnySurface) {
   options.num_points = 300;  // All over a cube.
   const Reconstruction scene = testing::MakeTestScene(options);
   SemanticMap map = OneCluster(scene, true);
-  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneOptions{}, 0, 1, map);
+  FitPlanes(scene, EstimateKeypointSigma(scene), PlaneFittingOptions{}, 0, 1, map);
   EXPECT_TRUE(map.planes.empty());
 }
 
@@ -203,17 +203,6 @@ TEST(EstimateKeypointSigma, RecoversTheNoise) {
   options.num_points = 500;
   options.num_images = 40;  // Points stay at the truth, so the correction must be small.
   EXPECT_NEAR(EstimateKeypointSigma(testing::MakeTestScene(options)), 0.8, 0.05);
-}
-
-TEST(ConvexHull, DropsInnerAndCollinearPoints) {
-  const auto hull = ConvexHull({{0, 0}, {1, 0}, {2, 0}, {2, 2}, {1, 1}, {0, 2}, {0, 1}, {0, 0}});
-  ASSERT_EQ(hull.size(), 4U);
-  EXPECT_EQ(hull[0], Eigen::Vector2d(0, 0));
-  EXPECT_EQ(hull[1], Eigen::Vector2d(2, 0));
-  EXPECT_EQ(hull[2], Eigen::Vector2d(2, 2));
-  EXPECT_EQ(hull[3], Eigen::Vector2d(0, 2));
-  EXPECT_EQ(ConvexHull({{0, 0}, {1, 1}, {2, 2}}).size(), 2U);
-  EXPECT_EQ(ConvexHull({{1, 1}}).size(), 1U);
 }
 
 }  // namespace

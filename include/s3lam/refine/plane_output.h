@@ -19,7 +19,4 @@ SemanticMap RefinedSemantics(const SemanticMap& original, const PlaneModel& plan
 /// points and spread.
 nlohmann::json PlanesToJson(const SemanticMap& map);
 
-/// Corners of the convex hull, counter-clockwise; fewer than three for points on a line.
-std::vector<Eigen::Vector2d> ConvexHull(std::vector<Eigen::Vector2d> points);
-
 }  // namespace s3lam

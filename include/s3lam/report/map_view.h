@@ -14,7 +14,7 @@ inline constexpr MapView kMapViews[] = {MapView::kTop, MapView::kOblique, MapVie
 /// "top", "oblique", "side".
 const char* MapViewName(MapView view);
 
-struct MapPoint {
+struct ColoredPoint {
   Eigen::Vector3d xyz = Eigen::Vector3d::Zero();
   Rgb color{};
 };
@@ -28,12 +28,12 @@ struct ViewBounds {
   Eigen::Vector2d min = Eigen::Vector2d::Zero();
   Eigen::Vector2d max = Eigen::Vector2d::Ones();
 };
-ViewBounds BoundsOfView(MapView view, const std::vector<MapPoint>& points,
+ViewBounds BoundsOfView(MapView view, const std::vector<ColoredPoint>& points,
                         const std::vector<Eigen::Vector3d>& path);
 
 /// Parallel projection on white, nearer points over farther ones, and the cameras' path as a line;
 /// 8-bit BGR of the given width, as high as the bounds ask.
-cv::Mat DrawMapView(MapView view, const ViewBounds& bounds, const std::vector<MapPoint>& points,
+cv::Mat DrawMapView(MapView view, const ViewBounds& bounds, const std::vector<ColoredPoint>& points,
                     const std::vector<Eigen::Vector3d>& path, int width);
 
 }  // namespace s3lam

@@ -27,7 +27,7 @@ struct LiftOptions {
   TrackingOptions tracking;
   ConsensusOptions consensus;
   ClusterOptions clusters;
-  PlaneOptions planes;
+  PlaneFittingOptions planes;
   int num_threads = 0;  // 0: all. From the command line, as is the seed.
   uint64_t seed = 0;
   std::optional<ConfusionMatrix> confusion;  // Given, not estimated; from the command line as well.
@@ -70,7 +70,7 @@ struct LiftResult {
 /// fits planes. `descriptors` may be empty; then no clusters are merged by them. Throws InputError
 /// if no image has a mask.
 LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable& class_table,
-                         const MaskProvider& masks, const DescriptorsByPoint& descriptors,
+                         const MaskProvider& masks, const PointDescriptors& descriptors,
                          const LiftOptions& options);
 
 /// The model with every point in the colour of its class (of its cluster if it has one); points

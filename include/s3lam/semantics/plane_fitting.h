@@ -9,7 +9,7 @@
 
 namespace s3lam {
 
-struct PlaneOptions {
+struct PlaneFittingOptions {
   PlaneFitOptions fit;
   double min_keypoint_sigma_px = 0.5;
   double roughness = 0.004;
@@ -46,9 +46,7 @@ std::optional<Eigen::Matrix3d> PointCovariance(const Reconstruction& reconstruct
 /// and of planes that fit about equally well the more upright or level one is taken. Normals point
 /// to the cameras. Deterministic in the seed, at any number of threads.
 void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
-               const PlaneOptions& options, uint64_t seed, int num_threads, SemanticMap& map);
-
-/// The convex hull of points in the plane, counter-clockwise, without collinear corners.
-std::vector<Eigen::Vector2d> ConvexHull(std::vector<Eigen::Vector2d> points);
+               const PlaneFittingOptions& options, uint64_t seed, int num_threads,
+               SemanticMap& map);
 
 }  // namespace s3lam
