@@ -37,6 +37,7 @@ class CeresBundle {
         bundle_(bundle),
         reprojection_loss_(options.huber_reprojection),
         plane_loss_(options.huber_plane),
+        point_blocks_(bundle.points),
         problem_(ProblemOptions()) {
     PutPointsOnPlanes();
     AddObservations();
@@ -58,7 +59,7 @@ class CeresBundle {
     if (!summary.IsSolutionUsable() || !std::isfinite(summary.final_cost)) {
       throw std::runtime_error("the bundle adjustment failed: " + summary.message);
     }
-    LiftPointsFromPlanes();
+    StorePoints();
     BundleSolverReport report;
     report.initial_cost = summary.initial_cost;
     report.final_cost = summary.final_cost;
@@ -105,9 +106,8 @@ class CeresBundle {
     add(&bundle_.height);
     for (Camera& camera : bundle_.cameras) add(camera.params.data());
     linear.num_other_columns = columns;
-    for (size_t j = 0; j < bundle_.points.size(); ++j) {
-      const bool is_exact = ExactPlane(static_cast<int>(j)) >= 0;
-      const int column = add(is_exact ? in_plane_[j].data() : bundle_.points[j].data());
+    for (Eigen::Vector3d& block : point_blocks_) {
+      const int column = add(block.data());
       if (column >= 0) linear.point_columns.push_back(column);
     }
     ceres::CRSMatrix rows;
@@ -136,11 +136,11 @@ class CeresBundle {
       if (const int plane = ExactPlane(o.point); plane >= 0) {
         exact_reprojections_.emplace_back(camera.model, o.pixel, sigma_px, frames_[plane]);
         problem_.AddResidualBlock(&exact_reprojections_.back(), &reprojection_loss_, Pose(o.pose),
-                                  in_plane_[o.point].data(), UsePlane(plane), camera.params.data());
+                                  PointBlock(o.point), UsePlane(plane), camera.params.data());
       } else {
         reprojections_.emplace_back(camera.model, o.pixel, sigma_px);
         problem_.AddResidualBlock(&reprojections_.back(), &reprojection_loss_, Pose(o.pose),
-                                  bundle_.points[o.point].data(), camera.params.data());
+                                  PointBlock(o.point), camera.params.data());
       }
       used_poses_.insert(o.pose);
       problem_.SetParameterBlockConstant(camera.params.data());
@@ -157,22 +157,25 @@ class CeresBundle {
       if (!term.is_exact) continue;
       if (exact_plane_.empty()) {
         exact_plane_.assign(bundle_.points.size(), -1);
-        in_plane_.assign(bundle_.points.size(), Eigen::Vector2d::Zero());
         for (const AnchoredPlane& plane : bundle_.planes) frames_.push_back(PlaneFrame::Of(plane));
       }
       exact_plane_[term.point] = term.plane;
-      in_plane_[term.point] = frames_[term.plane].Coordinates(bundle_.points[term.point]);
+      point_blocks_[term.point].head<2>() =
+          frames_[term.plane].Coordinates(bundle_.points[term.point]);
     }
   }
 
   /// Their places in the world, after a solve.
-  void LiftPointsFromPlanes() {
-    for (size_t j = 0; j < exact_plane_.size(); ++j) {
-      const int plane = exact_plane_[j];
-      if (plane < 0) continue;
+  void StorePoints() {
+    for (size_t j = 0; j < point_blocks_.size(); ++j) {
+      const int plane = ExactPlane(static_cast<int>(j));
+      if (plane < 0) {
+        bundle_.points[j] = point_blocks_[j];
+        continue;
+      }
       Eigen::Vector3d point;
-      if (PointInPlane(frames_[plane], bundle_.planes[plane].parameters.data(), in_plane_[j].data(),
-                       &point)) {
+      if (PointInPlane(frames_[plane], bundle_.planes[plane].parameters.data(),
+                       point_blocks_[j].data(), &point)) {
         bundle_.points[j] = point;
       }
     }
@@ -185,7 +188,7 @@ class CeresBundle {
   void AddPlanes() {
     if (bundle_.points_on_planes.empty()) return;
     for (const PointOnPlane& term : bundle_.points_on_planes) {
-      double* point = bundle_.points[term.point].data();
+      double* point = PointBlock(term.point);
       if (term.is_exact || !problem_.HasParameterBlock(point)) continue;
       AnchoredPlane& plane = bundle_.planes[term.plane];
       if (plane.is_constant) {
@@ -254,7 +257,7 @@ class CeresBundle {
 
   void HoldPoints() {
     for (size_t j = 0; j < bundle_.point_is_constant.size(); ++j) {
-      double* point = bundle_.points[j].data();
+      double* point = PointBlock(static_cast<int>(j));
       if (bundle_.point_is_constant[j] != 0 && problem_.HasParameterBlock(point)) {
         problem_.SetParameterBlockConstant(point);
       }
@@ -311,22 +314,31 @@ class CeresBundle {
     options.max_num_consecutive_invalid_steps = kMaxRefusedSteps;
     options.logging_type = ceres::SILENT;
     options.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-    std::vector<double*> blocks;
-    problem_.GetParameterBlocks(&blocks);
-    for (double* block : blocks) {
-      options.linear_solver_ordering->AddElementToGroup(block, IsPoint(block) ? 0 : 1);
-    }
+    AddOrdering(*options.linear_solver_ordering);
     return options;
   }
 
-  [[nodiscard]] bool IsPoint(const double* block) const {
-    const auto within = [block](const double* begin, size_t size) {
-      return !std::less<>()(block, begin) && std::less<>()(block, begin + size);
+  /// Points are eliminated first. Ceres orders the blocks of a group by their addresses, of which
+  /// only those of one vector are in the same order every time: every vector is a group.
+  void AddOrdering(ceres::ParameterBlockOrdering& ordering) {
+    int group = 0;
+    const auto add = [&](double* block) {
+      if (problem_.HasParameterBlock(block)) ordering.AddElementToGroup(block, group);
     };
-    return within(bundle_.points.front().data(), 3 * bundle_.points.size()) ||
-           (!in_plane_.empty() && within(in_plane_.front().data(), 2 * in_plane_.size()));
+    for (Eigen::Vector3d& block : point_blocks_) add(block.data());
+    ++group;
+    for (PoseBlock& pose : bundle_.poses) add(pose.data());
+    ++group;
+    for (AnchoredPlane& plane : bundle_.planes) add(plane.parameters.data());
+    ++group;
+    add(&bundle_.height);
+    for (Camera& camera : bundle_.cameras) {
+      ++group;
+      add(camera.params.data());
+    }
   }
 
+  double* PointBlock(int index) { return point_blocks_[index].data(); }
   double* Pose(int index) { return bundle_.poses[index].data(); }
   Camera& CameraOfPose(int index) { return bundle_.cameras[bundle_.camera_of_pose[index]]; }
 
@@ -340,9 +352,10 @@ class CeresBundle {
   std::vector<std::unique_ptr<ceres::SubsetManifold>> camera_manifolds_;
   std::deque<ReprojectionCost> reprojections_;
   std::deque<ExactPlaneReprojectionCost> exact_reprojections_;
-  std::vector<int> exact_plane_;           // Per point: the plane it is on; empty: none is.
-  std::vector<Eigen::Vector2d> in_plane_;  // Per point: coordinates in that plane.
-  std::vector<PlaneFrame> frames_;         // Per plane.
+  /// Per point: its place, or, where it lies exactly on a plane, two coordinates in that.
+  std::vector<Eigen::Vector3d> point_blocks_;
+  std::vector<int> exact_plane_;    // Per point: the plane it is on; empty: none is.
+  std::vector<PlaneFrame> frames_;  // Per plane.
   std::deque<PointFixedPlaneCost> fixed_planes_;
   std::deque<PointPlaneCost> point_planes_;
   std::vector<StructureTerm> structure_;
