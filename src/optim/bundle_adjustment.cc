@@ -1,14 +1,14 @@
 #include "s3lam/optim/bundle_adjustment.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/parallel.h"
+#include "s3lam/optim/block_cholesky.h"
 
 namespace s3lam {
 namespace {
@@ -124,6 +124,22 @@ Layout MakeLayout(const BaProblem& problem) {
   return layout;
 }
 
+/// The reduced system without its values.
+BlockMatrix ReducedPattern(const Layout& layout) {
+  std::vector<std::vector<int>> columns(layout.pose_of_variable.size());
+  for (size_t i = 0; i < columns.size(); ++i) {
+    columns[i].assign(layout.block_column.begin() + layout.row_begin[i] + 1,
+                      layout.block_column.begin() + layout.row_begin[i + 1]);
+  }
+  return {std::vector<int>(columns.size(), 6), columns};
+}
+
+bool IsDense(const Layout& layout) {
+  const auto n = static_cast<double>(layout.num_variables());
+  const double fill = 2.0 * static_cast<double>(layout.block_column.size()) / (n * n);
+  return 6.0 * n <= kMaxDenseRows || fill > kDenseFill;
+}
+
 /// Sums of one chunk of points over the poses' blocks.
 struct PoseSums {
   std::vector<Matrix6> blocks;    // Of the reduced system, as in Layout.
@@ -149,6 +165,8 @@ class Solver {
     equations_.point_gradient.resize(problem.points.size());
     chunks_.resize(layout_.num_chunks());
     inverse_point_hessian_.resize(problem.points.size());
+    reduced_ = ReducedPattern(layout_);
+    factor_ = IsDense(layout_) ? MakeDenseCholesky(reduced_) : MakeSparseCholesky(reduced_);
   }
 
   BundleAdjustmentReport Run() {
@@ -270,21 +288,24 @@ class Solver {
   double TryStep(double lambda) {
     ParallelFor(chunks_.size(), options_.num_threads, [&](size_t c) { EliminateChunk(c, lambda); });
     const int n = layout_.num_variables();
-    std::vector<Matrix6> blocks(layout_.block_column.size(), Matrix6::Zero());
+    reduced_.Allocate();
     Eigen::VectorXd right(6 * n);
     for (int i = 0; i < n; ++i) {
-      Matrix6& diagonal = blocks[layout_.row_begin[i]];
-      diagonal = equations_.pose_hessian[i];
+      Matrix6 diagonal = equations_.pose_hessian[i];
       diagonal.diagonal() *= 1.0 + lambda;
       diagonal.diagonal().array() += 1e-12;
+      auto panel = reduced_.panel(i);
+      panel.topRows<6>() = diagonal;
       right.segment<6>(6 * i) = -equations_.pose_gradient[i];
-    }
-    for (const PoseSums& sums : chunks_) {
-      for (size_t b = 0; b < blocks.size(); ++b) blocks[b] += sums.blocks[b];
-      for (int i = 0; i < n; ++i) right.segment<6>(6 * i) += sums.gradient[i];
+      for (const PoseSums& sums : chunks_) {
+        for (int b = layout_.row_begin[i]; b < layout_.row_begin[i + 1]; ++b) {
+          panel.middleRows<6>(6 * (b - layout_.row_begin[i])) += sums.blocks[b].transpose();
+        }
+        right.segment<6>(6 * i) += sums.gradient[i];
+      }
     }
     Eigen::VectorXd step;
-    if (n > 0 && !SolveReduced(blocks, right, step))
+    if (n > 0 && !factor_->Solve(reduced_, right, step))
       return std::numeric_limits<double>::quiet_NaN();
     ApplyPoseStep(step);
     trial_points_.resize(problem_.points.size());
@@ -320,52 +341,6 @@ class Solver {
     }
   }
 
-  [[nodiscard]] bool SolveReduced(const std::vector<Matrix6>& blocks, const Eigen::VectorXd& right,
-                                  Eigen::VectorXd& step) const {
-    const int n = layout_.num_variables();
-    const double fill = 2.0 * static_cast<double>(blocks.size()) / (static_cast<double>(n) * n);
-    if (6 * n <= kMaxDenseRows || fill > kDenseFill) return SolveDense(blocks, right, step);
-    return SolveSparse(blocks, right, step);
-  }
-
-  [[nodiscard]] bool SolveDense(const std::vector<Matrix6>& blocks, const Eigen::VectorXd& right,
-                                Eigen::VectorXd& step) const {
-    const int n = layout_.num_variables();
-    Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(6 * n, 6 * n);
-    for (int i = 0; i < n; ++i) {
-      for (int b = layout_.row_begin[i]; b < layout_.row_begin[i + 1]; ++b) {
-        reduced.block<6, 6>(6 * layout_.block_column[b], 6 * i) = blocks[b].transpose();
-      }
-    }
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(reduced);  // In place, lower part.
-    if (factor.info() != Eigen::Success) return false;
-    step = factor.solve(right);
-    return step.allFinite();
-  }
-
-  [[nodiscard]] bool SolveSparse(const std::vector<Matrix6>& blocks, const Eigen::VectorXd& right,
-                                 Eigen::VectorXd& step) const {
-    const int n = layout_.num_variables();
-    std::vector<Eigen::Triplet<double>> entries;
-    entries.reserve(36 * blocks.size());
-    for (int i = 0; i < n; ++i) {
-      for (int b = layout_.row_begin[i]; b < layout_.row_begin[i + 1]; ++b) {
-        const int j = layout_.block_column[b];
-        for (int r = 0; r < 6; ++r) {
-          for (int col = i == j ? r : 0; col < 6; ++col) {
-            entries.emplace_back(6 * j + col, 6 * i + r, blocks[b](r, col));
-          }
-        }
-      }
-    }
-    Eigen::SparseMatrix<double> reduced(6 * n, 6 * n);
-    reduced.setFromTriplets(entries.begin(), entries.end());
-    const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Lower> factor(reduced);
-    if (factor.info() != Eigen::Success) return false;
-    step = factor.solve(right);
-    return step.allFinite();
-  }
-
   void ApplyPoseStep(const Eigen::VectorXd& step) {
     trial_poses_ = problem_.poses;
     for (int i = 0; i < layout_.num_variables(); ++i) {
@@ -395,6 +370,8 @@ class Solver {
   NormalEquations equations_;
   std::vector<PoseSums> chunks_;
   std::vector<Eigen::Matrix3d> inverse_point_hessian_;
+  BlockMatrix reduced_;
+  std::unique_ptr<BlockCholesky> factor_;
   std::vector<Rigid3> trial_poses_;
   std::vector<Eigen::Vector3d> trial_points_;
 };

@@ -2,6 +2,8 @@
 
 #include <dlfcn.h>
 
+#include <mutex>
+
 namespace s3lam::internal {
 namespace {
 
@@ -37,14 +39,35 @@ const LibrarySetting& OpenMpLevels() {
   return setting;
 }
 
+/// What the libraries had before the first of the scopes that live now.
+struct Saved {
+  std::mutex mutex;
+  int num_scopes = 0;
+  int blas_threads = 0;
+  int openmp_levels = 0;
+};
+
+Saved& SavedSettings() {
+  static Saved saved;
+  return saved;
+}
+
 }  // namespace
 
-SingleThreadScope::SingleThreadScope()
-    : blas_threads_(BlasThreads().Exchange(1)), openmp_levels_(OpenMpLevels().Exchange(0)) {}
+SingleThreadScope::SingleThreadScope() {
+  Saved& saved = SavedSettings();
+  const std::lock_guard lock(saved.mutex);
+  if (saved.num_scopes++ > 0) return;
+  saved.blas_threads = BlasThreads().Exchange(1);
+  saved.openmp_levels = OpenMpLevels().Exchange(0);
+}
 
 SingleThreadScope::~SingleThreadScope() {
-  BlasThreads().Exchange(blas_threads_);
-  OpenMpLevels().Exchange(openmp_levels_);
+  Saved& saved = SavedSettings();
+  const std::lock_guard lock(saved.mutex);
+  if (--saved.num_scopes > 0) return;
+  BlasThreads().Exchange(saved.blas_threads);
+  OpenMpLevels().Exchange(saved.openmp_levels);
 }
 
 }  // namespace s3lam::internal
