@@ -15,11 +15,12 @@ namespace s3lam {
 namespace {
 
 constexpr int kMaxParams = 12;
-constexpr double kHuberSigma = 2.4477;    // sqrt(5.991)
-constexpr double kGaugeDamping = 1e-9;    // Of the diagonal.
-constexpr double kPrincipalSigma = 0.02;  // Of the longer side, from the centre.
-constexpr int kNumParts = 5;              // Whose focal lengths are compared.
-constexpr double kDistortionSigma = 0.3;  // Of wide lenses' first radial term.
+constexpr double kHuberSigma = 2.4477;      // sqrt(5.991)
+constexpr double kGaugeDamping = 1e-9;      // Of the diagonal.
+constexpr double kPrincipalSigma = 0.02;    // Of the longer side, from the centre.
+constexpr int kMinObservationsOfPose = 50;  // If it has as many.
+constexpr int kNumParts = 5;                // Whose focal lengths are compared.
+constexpr double kDistortionSigma = 0.3;    // Of wide lenses' first radial term.
 
 /// r = inverse_sigma (project(exp(omega) R X + t) - pixel), with R the pose's rotation at the
 /// start.
@@ -45,22 +46,32 @@ struct ReprojectionError {
   }
 };
 
-/// Points with the longest tracks, of a least length, until there are enough observations; true per
-/// chosen point.
+/// Points with the longest tracks, of a least length, until there are enough observations, and more
+/// of them for poses that have few of those: where a camera stands still, tracks are long and say
+/// little. True per chosen point.
 std::vector<uint8_t> ChoosePoints(const CalibrationProblem& problem, int max_observations,
                                   int min_length) {
-  std::vector<int> lengths(problem.points.size(), 0);
-  for (const auto& o : problem.observations) ++lengths[o.point];
+  std::vector<std::vector<int>> poses_of_point(problem.points.size());
+  for (const auto& o : problem.observations) poses_of_point[o.point].push_back(o.pose);
   std::vector<int> order(problem.points.size());
-  for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<int>(i);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](int a, int b) { return lengths[a] > lengths[b]; });
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return poses_of_point[a].size() > poses_of_point[b].size();
+  });
+  std::vector<int> chosen_of_pose(problem.poses.size(), 0);
   std::vector<uint8_t> chosen(problem.points.size(), 0);
   int count = 0;
   for (const int point : order) {
-    if (lengths[point] < min_length || count >= max_observations) break;
+    const std::vector<int>& poses = poses_of_point[point];
+    if (static_cast<int>(poses.size()) < min_length) break;
+    const bool needed =
+        count < max_observations || std::any_of(poses.begin(), poses.end(), [&](int pose) {
+          return chosen_of_pose[pose] < kMinObservationsOfPose;
+        });
+    if (!needed) continue;
     chosen[point] = 1;
-    count += lengths[point];
+    count += static_cast<int>(poses.size());
+    for (const int pose : poses) ++chosen_of_pose[pose];
   }
   return chosen;
 }
@@ -200,8 +211,12 @@ class Adjustment {
     }
   }
 
-  /// Cost after solving; empty if there is no usable solution.
-  std::optional<double> Solve() {
+  struct Solution {
+    double cost = 0.0;
+    bool converged = false;
+  };
+  /// Empty if there is no usable solution.
+  std::optional<Solution> Solve() {
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::DENSE_SCHUR;
     if (poses_.size() > 250) solver.linear_solver_type = ceres::SPARSE_SCHUR;
@@ -225,7 +240,7 @@ class Adjustment {
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem_, &summary);
     if (!summary.IsSolutionUsable()) return std::nullopt;
-    return summary.final_cost;
+    return Solution{summary.final_cost, summary.termination_type == ceres::CONVERGENCE};
   }
 
  private:
@@ -295,8 +310,10 @@ void SelfCalibrationOptions::Visit(OptionVisitor& v) {
   v.Value("min_cost_decrease", min_cost_decrease,
           "share of the reprojection cost that a refined distortion must remove to be accepted",
           0.0, 1.0);
-  v.Value("max_observations", max_observations, "observations used, longest tracks first", 100,
-          100000000);
+  v.Value(
+      "max_observations", max_observations,
+      "observations used, longest tracks first; more where a keyframe has fewer than 50 of them",
+      100, 100000000);
   v.Value("max_iterations", max_iterations, "of each solve", 1, 1000);
 }
 
@@ -331,12 +348,13 @@ SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, co
   if (adjustment.empty()) return report;
   adjustment.FreeCamera({});
   const auto held = adjustment.Solve();
-  if (!held || *held <= 0.0) return report;
+  // Of a solve that has not ended, the next one's gain would not be the distortion's.
+  if (!held || !held->converged || held->cost <= 0.0) return report;
   // Tangential terms, freed, take up what bends in the map more than what the lens does.
   adjustment.FreeCamera(CameraModelRadialParams(adjustment.camera().model));
   const auto refined = adjustment.Solve();
   if (!refined) return report;
-  report.cost_decrease = 1.0 - *refined / *held;
+  report.cost_decrease = 1.0 - refined->cost / held->cost;
   report.accepted = report.cost_decrease >= options.min_cost_decrease;
   if (report.accepted) report.camera = adjustment.camera();
   return report;

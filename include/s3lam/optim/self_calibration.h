@@ -14,7 +14,7 @@ struct SelfCalibrationOptions {
   bool enabled = true;
   double min_cost_decrease = 0.01;
   int max_observations = 30000;
-  int max_iterations = 25;
+  int max_iterations = 100;
 
   void Visit(OptionVisitor& v);
 };
