@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <set>
 
 #include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
@@ -135,6 +136,93 @@ LoopReport Describe(const Map& map, const PlaceMatch& loop) {
   return report;
 }
 
+/// Closes loops and looks whether the map bears it.
+class LoopTrial {
+ public:
+  LoopTrial(const LoopClosingOptions& options, const Mapper& mapper, int global_rounds,
+            int num_threads, Map& map, std::vector<FrameTrack>& tracks)
+      : options_(options),
+        mapper_(mapper),
+        global_rounds_(global_rounds),
+        num_threads_(num_threads),
+        map_(map),
+        tracks_(tracks) {}
+
+  /// Closes all loops, or, if the map contradicts them, those that were not torn; `loops` are the
+  /// closed ones then. Without any, the map stays as it is.
+  std::vector<LoopReport> CloseWhatHolds(std::vector<PlaceMatch>& loops) {
+    for (int attempt = 0; attempt < kMaxTrials && !loops.empty(); ++attempt) {
+      std::vector<LoopReport> reports;
+      for (const PlaceMatch& loop : loops) reports.push_back(Describe(map_, loop));
+      const Map before = map_;
+      const std::vector<FrameTrack> tracks_before = tracks_;
+      if (!Close(loops)) break;
+      if (lost_share_ <= options_.max_lost_share && NumTorn() == 0) return reports;
+      spdlog::warn("{} loops undone: the map contradicts them", loops.size());
+      map_ = before;
+      tracks_ = tracks_before;
+      if (NumTorn() == 0) break;
+      std::vector<PlaceMatch> held;
+      for (size_t i = 0; i < loops.size(); ++i) {
+        if (!IsTorn(i)) held.push_back(std::move(loops[i]));
+      }
+      loops.swap(held);
+    }
+    loops.clear();
+    return {};
+  }
+
+ private:
+  static constexpr int kMaxTrials = 3;
+
+  /// False if the pose graph cannot be solved; then the map is as it was.
+  bool Close(const std::vector<PlaceMatch>& loops) {
+    const std::vector<int> keyframes = map_.AliveKeyframes();
+    PoseGraph graph = MakeGraph(map_, keyframes, loops);
+    if (!OptimizePoseGraph(graph).usable) return false;
+    std::vector<Bridge> bridges;
+    for (const PlaceMatch& loop : loops) bridges.emplace_back(map_, loop);
+    ApplyGraph(graph, keyframes, map_, tracks_);
+    for (const PlaceMatch& loop : loops) {
+      FuseMatch(mapper_, options_.verification.neighbours, loop, map_);
+    }
+    const auto fused = static_cast<double>(map_.NumObservations());
+    mapper_.AdjustGlobally(map_, global_rounds_, num_threads_);
+    lost_share_ = 1.0 - static_cast<double>(map_.NumObservations()) / fused;
+    surviving_shares_.clear();
+    for (const Bridge& bridge : bridges) surviving_shares_.push_back(bridge.SurvivingShare(map_));
+    spdlog::info(
+        "{} places seen again; closing the loops costs {:.2f} % of the observations and tears {} "
+        "of them",
+        loops.size(), 100.0 * lost_share_, NumTorn());
+    return true;
+  }
+
+  [[nodiscard]] bool IsTorn(size_t loop) const {
+    return surviving_shares_[loop] < options_.min_surviving_share;
+  }
+  [[nodiscard]] size_t NumTorn() const {
+    size_t count = 0;
+    for (size_t i = 0; i < surviving_shares_.size(); ++i) count += IsTorn(i) ? 1 : 0;
+    return count;
+  }
+
+  const LoopClosingOptions& options_;
+  const Mapper& mapper_;
+  int global_rounds_;
+  int num_threads_;
+  Map& map_;
+  std::vector<FrameTrack>& tracks_;
+  double lost_share_ = 0.0;
+  std::vector<double> surviving_shares_;  // Per loop.
+};
+
+bool HaveCommon(const std::vector<MapObservation>& observations, const std::vector<int>& sorted) {
+  return std::any_of(observations.begin(), observations.end(), [&](const MapObservation& o) {
+    return std::binary_search(sorted.begin(), sorted.end(), o.keyframe);
+  });
+}
+
 }  // namespace
 
 void LoopClosingOptions::Visit(OptionVisitor& v) {
@@ -145,7 +233,31 @@ void LoopClosingOptions::Visit(OptionVisitor& v) {
   v.Value("max_rounds", max_rounds, "of looking for loops in the map as closed so far", 1, 100);
   v.Value("max_lost_share", max_lost_share,
           "share of its observations that the map may lose when a loop is closed", 0.0, 1.0);
+  v.Value("min_surviving_share", min_surviving_share,
+          "share of the points joined by a loop, or by the meeting of two maps, that must still be "
+          "seen from both sides after the adjustment",
+          0.0, 1.0);
   v.Group("verification", verification, "when two keyframes are held to show the same place");
+}
+
+Bridge::Bridge(const Map& map, const PlaceMatch& match) {
+  const auto observers = [&](int point) {
+    std::vector<int> keyframes;
+    for (const MapObservation& o : map.point(point).observations) keyframes.push_back(o.keyframe);
+    return keyframes;
+  };
+  for (const auto& [a, b] : match.points) pairs_.push_back({a, b, observers(a), observers(b)});
+}
+
+double Bridge::SurvivingShare(const Map& map) const {
+  if (pairs_.empty()) return 0.0;
+  const auto count = std::count_if(pairs_.begin(), pairs_.end(), [&](const Pair& pair) {
+    const int point = map.Resolve(pair.point_a);
+    if (point == kNoIndex || point != map.Resolve(pair.point_b)) return false;
+    const auto& observations = map.point(point).observations;
+    return HaveCommon(observations, pair.observers_a) && HaveCommon(observations, pair.observers_b);
+  });
+  return static_cast<double>(count) / static_cast<double>(pairs_.size());
 }
 
 void FuseMatch(const Mapper& mapper, int neighbours, const PlaceMatch& match, Map& map) {
@@ -177,34 +289,21 @@ LoopClosingReport CloseLoops(const LoopClosingOptions& options, const Vocabulary
                              std::vector<FrameTrack>& tracks) {
   LoopClosingReport report;
   if (!options.enabled) return report;
+  std::set<std::pair<int, int>> rejected;
   for (int round = 0; round < options.max_rounds; ++round) {
-    const std::vector<PlaceMatch> loops =
-        FindLoops(options, vocabulary, undistorter, num_threads, map);
-    if (loops.empty()) break;
-    std::vector<LoopReport> closed;
-    for (const PlaceMatch& loop : loops) closed.push_back(Describe(map, loop));
-    const std::vector<int> keyframes = map.AliveKeyframes();
-    PoseGraph graph = MakeGraph(map, keyframes, loops);
-    if (!OptimizePoseGraph(graph).usable) break;
-    const Map before = map;
-    const std::vector<FrameTrack> tracks_before = tracks;
-    ApplyGraph(graph, keyframes, map, tracks);
-    for (const PlaceMatch& loop : loops) {
-      FuseMatch(mapper, options.verification.neighbours, loop, map);
-    }
-    const auto fused = static_cast<double>(map.NumObservations());
-    mapper.AdjustGlobally(map, global_rounds, num_threads);
-    const double lost = 1.0 - static_cast<double>(map.NumObservations()) / fused;
-    spdlog::info("{} places seen again; closing the loops costs {:.2f} % of the observations",
-                 loops.size(), 100.0 * lost);
-    if (lost > options.max_lost_share) {
-      spdlog::warn("loops undone: the map contradicts them");
-      map = before;
-      tracks = tracks_before;
-      report.num_rejected += static_cast<int>(loops.size());
-      break;
-    }
+    std::vector<PlaceMatch> loops = FindLoops(options, vocabulary, undistorter, num_threads, map);
+    std::erase_if(loops, [&](const PlaceMatch& loop) {
+      return rejected.contains({loop.keyframe_a, loop.keyframe_b});
+    });
+    std::set<std::pair<int, int>> tried;
+    for (const PlaceMatch& loop : loops) tried.emplace(loop.keyframe_a, loop.keyframe_b);
+    LoopTrial trial(options, mapper, global_rounds, num_threads, map, tracks);
+    const std::vector<LoopReport> closed = trial.CloseWhatHolds(loops);
+    report.num_rejected += static_cast<int>(tried.size() - closed.size());
     report.closed.insert(report.closed.end(), closed.begin(), closed.end());
+    if (closed.empty()) break;
+    for (const PlaceMatch& loop : loops) tried.erase({loop.keyframe_a, loop.keyframe_b});
+    rejected.merge(tried);
   }
   return report;
 }

@@ -195,6 +195,12 @@ void MapBuilder::IndexPlaces() {
   for (const int k : indexed_keyframes_) places_.Add(k, vocabulary_.Describe(map_.features(k)));
 }
 
+void MapBuilder::Restore(const Snapshot& snapshot) {
+  map_ = snapshot.map;
+  tracks_ = snapshot.tracks;
+  num_relocalizations_ = snapshot.num_relocalizations;
+}
+
 void MapBuilder::Absorb(const MapBuilder& other, const Similarity3& this_from_other) {
   const int first_keyframe = map_.num_keyframes();
   const int first_point = map_.num_points();

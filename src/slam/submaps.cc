@@ -1,6 +1,7 @@
 #include "s3lam/slam/submaps.h"
 
 #include <algorithm>
+#include <numbers>
 
 #include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
@@ -81,31 +82,63 @@ std::vector<PlaceMatch> FindMeetings(const SubmapOptions& options, const LoopClo
   return all;
 }
 
+/// Do two meetings of the same maps put the one into the other in the same way, at the second one?
+bool Agree(const PlaceMatch& first, const PlaceMatch& second, const Map& a, const Map& b) {
+  constexpr double kMaxRotation = 5.0 * std::numbers::pi / 180.0;
+  constexpr double kMaxShift = 0.2;  // Of the median depth.
+  const Rigid3& camera = b.keyframe(second.keyframe_b).cam_from_world;
+  const Rigid3 by_first = TransformCameraPose(first.world_a_from_world_b, camera);
+  const Rigid3 by_second = TransformCameraPose(second.world_a_from_world_b, camera);
+  return RotationAngle(by_first.rotation, by_second.rotation) <= kMaxRotation &&
+         (by_first.CenterInB() - by_second.CenterInB()).norm() <=
+             kMaxShift * a.MedianDepth(second.keyframe_a);
+}
+
+/// The meeting that most others agree with, of those the one with the most points; empty if fewer
+/// than min_matches, itself among them, agree.
+std::optional<PlaceMatch> BestMeeting(const SubmapOptions& options,
+                                      const std::vector<PlaceMatch>& meetings, const Map& a,
+                                      const Map& b) {
+  std::pair<std::ptrdiff_t, size_t> most{0, 0};
+  const PlaceMatch* best = nullptr;
+  for (const PlaceMatch& meeting : meetings) {
+    const auto agreeing =
+        std::count_if(meetings.begin(), meetings.end(),
+                      [&](const PlaceMatch& other) { return Agree(meeting, other, a, b); });
+    const std::pair<std::ptrdiff_t, size_t> support{agreeing, meeting.points.size()};
+    if (best != nullptr && support <= most) continue;
+    most = support;
+    best = &meeting;
+  }
+  if (best == nullptr || most.first < options.min_matches) return std::nullopt;
+  return *best;
+}
+
 /// Tries to put `part` into `whole`.
 bool Merge(const SubmapOptions& options, const LoopClosingOptions& loops,
            const Vocabulary& vocabulary, const Undistorter& undistorter, int global_rounds,
            int num_threads, const MapBuilder& part, MapBuilder& whole) {
   const std::vector<PlaceMatch> meetings =
       FindMeetings(options, loops, vocabulary, undistorter, num_threads, whole.map(), part.map());
-  if (static_cast<int>(meetings.size()) < options.min_matches) return false;
-  PlaceMatch best = *std::max_element(
-      meetings.begin(), meetings.end(),
-      [](const PlaceMatch& x, const PlaceMatch& y) { return x.points.size() < y.points.size(); });
-  const Map map_before = whole.map();
-  const std::vector<FrameTrack> tracks_before = whole.tracks();
-  best.keyframe_b += whole.map().num_keyframes();
-  for (auto& [point_a, point_b] : best.points) point_b += whole.map().num_points();
-  whole.Absorb(part, best.world_a_from_world_b);
-  FuseMatch(whole.mapper(), loops.verification.neighbours, best, whole.map());
+  std::optional<PlaceMatch> best = BestMeeting(options, meetings, whole.map(), part.map());
+  if (!best) return false;
+  const MapBuilder::Snapshot before = whole.Keep();
+  best->keyframe_b += whole.map().num_keyframes();
+  for (auto& [point_a, point_b] : best->points) point_b += whole.map().num_points();
+  whole.Absorb(part, best->world_a_from_world_b);
+  const Bridge bridge(whole.map(), *best);
+  FuseMatch(whole.mapper(), loops.verification.neighbours, *best, whole.map());
   const auto fused = static_cast<double>(whole.map().NumObservations());
   whole.mapper().AdjustGlobally(whole.map(), global_rounds, num_threads);
   const double lost = 1.0 - static_cast<double>(whole.map().NumObservations()) / fused;
-  spdlog::info("two maps meet at {} pairs of keyframes; merging costs {:.2f} % of the observations",
-               meetings.size(), 100.0 * lost);
-  if (lost <= loops.max_lost_share) return true;
+  const double surviving = bridge.SurvivingShare(whole.map());
+  spdlog::info(
+      "two maps meet at {} pairs of keyframes; merging costs {:.2f} % of the observations and "
+      "leaves {:.0f} % of the joined points together",
+      meetings.size(), 100.0 * lost, 100.0 * surviving);
+  if (lost <= loops.max_lost_share && surviving >= loops.min_surviving_share) return true;
   spdlog::warn("maps kept apart: together they contradict each other");
-  whole.map() = map_before;
-  whole.tracks() = tracks_before;
+  whole.Restore(before);
   return false;
 }
 
@@ -116,7 +149,8 @@ void SubmapOptions::Visit(OptionVisitor& v) {
   v.Value("min_keyframes", min_keyframes, "keyframes that it must have", 2, 1000000);
   v.Value("candidates", candidates,
           "keyframes of one map that each keyframe of another is compared with", 1, 1000);
-  v.Value("min_matches", min_matches, "pairs of keyframes at which two maps must meet", 1, 1000);
+  v.Value("min_matches", min_matches,
+          "pairs of keyframes at which two maps must meet in the same way", 1, 1000);
 }
 
 Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& initializer,
@@ -154,6 +188,11 @@ Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& ini
 int MergeSubmaps(const SubmapOptions& options, const LoopClosingOptions& loops,
                  const Vocabulary& vocabulary, const Undistorter& undistorter, int global_rounds,
                  int num_threads, Submaps& maps) {
+  if (maps.size() > 1) {  // So that what merging costs is not what each map loses by itself.
+    for (const auto& builder : maps) {
+      builder->mapper().AdjustGlobally(builder->map(), global_rounds, num_threads);
+    }
+  }
   int num_merged = 0;
   for (size_t i = 0; i < maps.size(); ++i) {
     for (size_t j = i + 1; j < maps.size();) {

@@ -44,13 +44,13 @@ class PlaceTest : public ::testing::Test {
     seen_.push_back(seen);
   }
 
-  /// Some points of a far place look, and lie, as those of the first place do.
-  void HangUpAPosterTwice() {
+  /// Some points of a place farther on look, and lie, as those of the first place do.
+  void HangUpAPosterTwice(double distance = 12.0) {
     const size_t count = cloud_.points.size();
     for (size_t i = 0; i < count; ++i) {
       const Eigen::Vector3d x = cloud_.points[i];
       if (std::abs(x.x() - 1.0) > 0.8 || std::abs(x.y()) > 0.8) continue;
-      cloud_.points.emplace_back(x + Eigen::Vector3d(12.0, 0.0, 0.0));
+      cloud_.points.emplace_back(x + Eigen::Vector3d(distance, 0.0, 0.0));
       const BinaryDescriptor copy = cloud_.descriptors[i];
       cloud_.descriptors.push_back(copy);
     }
@@ -155,7 +155,7 @@ TEST_F(PlaceTest, ARepeatedObjectIsNotTheSamePlace) {
 /// Walks out and back: the way back is known apart, in a world that drifted.
 class LoopTest : public PlaceTest {
  protected:
-  LoopTest() {
+  void WalkOutAndBack() {
     for (int i = 0; i < 40; ++i) See(At(0.3 * i));
     for (int i = 39; i >= 0; --i) See(At(0.3 * i + 0.1));
   }
@@ -211,6 +211,7 @@ class LoopTest : public PlaceTest {
 };
 
 TEST_F(LoopTest, ClosingALoopTakesTheDriftOut) {
+  WalkOutAndBack();
   Map map = MakeDriftingMap();
   ASSERT_GT(GapShare(map), 0.015);
   const Vocabulary vocabulary({}, frames_);
@@ -226,6 +227,27 @@ TEST_F(LoopTest, ClosingALoopTakesTheDriftOut) {
   for (const LoopReport& loop : report.closed) {
     EXPECT_NEAR(poses_[loop.frame_a].CenterInB().x(), poses_[loop.frame_b].CenterInB().x(), 3.0);
   }
+  EXPECT_NEAR(GapShare(map), 0.1 / 11.7, 0.0005);
+}
+
+TEST_F(LoopTest, AFalseLoopIsTornAndDoesNotTakeTrueOnesWithIt) {
+  HangUpAPosterTwice(6.0);
+  WalkOutAndBack();
+  Map map = MakeDriftingMap();
+  const Vocabulary vocabulary({}, frames_);
+  const MapperOptions mapper_options;
+  const Mapper mapper(mapper_options, undistorter_);
+  std::vector<FrameTrack> tracks(frames_.size());
+  LoopClosingOptions options;
+  options.min_frame_gap = 10;
+  options.max_lost_share = 1.0;
+  options.candidates = 40;
+  // Verification that believes the poster.
+  options.verification = {.min_pairs = 12, .min_found_share = 0.0, .min_support = 0};
+  const LoopClosingReport report =
+      CloseLoops(options, vocabulary, undistorter_, mapper, 3, 1, map, tracks);
+  EXPECT_GT(report.closed.size(), 10 * static_cast<size_t>(report.num_rejected));
+  EXPECT_GT(report.num_rejected, 0);
   EXPECT_NEAR(GapShare(map), 0.1 / 11.7, 0.0005);
 }
 

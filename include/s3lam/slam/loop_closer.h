@@ -14,6 +14,7 @@ struct LoopClosingOptions {
   int min_frame_gap = 30;
   int max_rounds = 3;
   double max_lost_share = 0.03;
+  double min_surviving_share = 0.5;
   PlaceVerificationOptions verification;
 
   void Visit(OptionVisitor& v);
@@ -42,12 +43,34 @@ struct LoopClosingReport {
 /// Looks, for every keyframe, for others that show the same place without being connected to it,
 /// and closes all loops found at once: drift is spread by a pose graph over similarities, the
 /// points of both sides are fused, everything is adjusted. If the adjusted map loses more of its
-/// observations than max_lost_share, the loops contradict it, and it is left as it was. Repeated
-/// while it finds loops. `tracks` move with their keyframes.
+/// observations than max_lost_share, or tears more than min_surviving_share leaves together of a
+/// loop's own points, the loops contradict it: it is tried again without those that were torn, and
+/// left as it was if nothing helps. Repeated while it finds loops. `tracks` move with their
+/// keyframes.
 LoopClosingReport CloseLoops(const LoopClosingOptions& options, const Vocabulary& vocabulary,
                              const Undistorter& undistorter, const Mapper& mapper,
                              int global_rounds, int num_threads, Map& map,
                              std::vector<FrameTrack>& tracks);
+
+/// What a match joins: pairs of points that are the same, with the keyframes that saw each before
+/// they were made one.
+class Bridge {
+ public:
+  /// `match` is between keyframes of one map, whose points are not fused yet.
+  Bridge(const Map& map, const PlaceMatch& match);
+
+  /// Share of the pairs that are one point of the map now, seen from both sides.
+  [[nodiscard]] double SurvivingShare(const Map& map) const;
+
+ private:
+  struct Pair {
+    int point_a = kNoIndex;
+    int point_b = kNoIndex;
+    std::vector<int> observers_a;  // Ascending.
+    std::vector<int> observers_b;
+  };
+  std::vector<Pair> pairs_;
+};
 
 /// Makes one of the points that a verified match says are the same, and fuses the neighbourhoods of
 /// its keyframes, which must lie together already.

@@ -28,6 +28,14 @@ class MapBuilder {
     while (GrowByOne()) {
     }
   }
+  /// A state to go back to.
+  struct Snapshot {
+    Map map;
+    std::vector<FrameTrack> tracks;
+    int num_relocalizations = 0;
+  };
+  [[nodiscard]] Snapshot Keep() const { return {map_, tracks_, num_relocalizations_}; }
+  void Restore(const Snapshot& snapshot);
   /// Takes over what another map of the same sequence has, moved into this world.
   void Absorb(const MapBuilder& other, const Similarity3& this_from_other);
 

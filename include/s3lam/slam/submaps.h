@@ -48,9 +48,10 @@ Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& ini
                      int num_threads, const MapBuilderFactory& make_builder,
                      const std::function<void()>& after_frame, SubmapsUnderWay& under_way);
 
-/// Puts maps together that show the same place: at least min_matches verified pairs of keyframes,
-/// and a joint map that keeps its observations, as for loops. What is left is in descending order
-/// of frames; maps that are too small are dropped, but never the largest. Returns how many merged.
+/// Puts maps together that show the same place: at least min_matches verified pairs of keyframes
+/// that agree on how, and a joint map that keeps its observations, as for loops. What is left is in
+/// descending order of frames; maps that are too small are dropped, but never the largest. Returns
+/// how many merged.
 int MergeSubmaps(const SubmapOptions& options, const LoopClosingOptions& loops,
                  const Vocabulary& vocabulary, const Undistorter& undistorter, int global_rounds,
                  int num_threads, Submaps& maps);
