@@ -95,7 +95,8 @@ class EpipolarSearch {
         features_(map.features(to)),
         free_(map.keyframe(to).point_of_keypoint),
         to_from_from_(map.keyframe(to).cam_from_world *
-                      map.keyframe(from).cam_from_world.Inverse()) {
+                      map.keyframe(from).cam_from_world.Inverse()),
+        max_steps_(std::max(kMinStepLimit, kMaxStepsPerPx * (upper_ - lower_).norm())) {
     FindDepthRange(from);
   }
 
@@ -113,7 +114,7 @@ class EpipolarSearch {
     const double width = 2.0 * map_.sigma(keypoint.level);
     const double half_box = std::max(8.0, 3.0 * width);
     const int steps = std::max(1, static_cast<int>(std::ceil(length / (2.0 * half_box))));
-    if (steps > kMaxSteps) return kNoIndex;
+    if (steps > max_steps_) return kNoIndex;
     const Eigen::Vector2d normal = length > 1e-9
                                        ? Eigen::Vector2d(-along.y() / length, along.x() / length)
                                        : Eigen::Vector2d::Zero();
@@ -142,7 +143,9 @@ class EpipolarSearch {
   }
 
  private:
-  static constexpr int kMaxSteps = 60;
+  /// Longer lines say too little: of steps per pixel of the image's diagonal, but for small images.
+  static constexpr double kMaxStepsPerPx = 0.045;
+  static constexpr double kMinStepLimit = 60.0;
 
   [[nodiscard]] std::optional<Eigen::Vector2d> ProjectAt(const Eigen::Vector3d& turned,
                                                          double inverse_depth) const {
@@ -170,6 +173,7 @@ class EpipolarSearch {
   const FrameFeatures& features_;
   const std::vector<int>& free_;
   Rigid3 to_from_from_;
+  double max_steps_;
   double max_inverse_depth_ = 0.0;
 };
 
