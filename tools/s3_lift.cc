@@ -330,7 +330,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   const ClassTable table = ReadClassTable(class_path);
   options.confusion = ReadConfusion(arguments["confusion"].as<std::string>(), table);
   Reconstruction model;
-  DescriptorsByPoint descriptors;
+  PointDescriptors descriptors;
   std::optional<PanopticMasks> opened;
   InParallel(common.threads, {[&] {
                                 model = ReadColmapModel(model_path);

@@ -1,8 +1,6 @@
 #include "s3lam/semantics/clusters.h"
 
 #include <algorithm>
-#include <bit>
-#include <cstring>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -93,19 +91,9 @@ Eigen::Vector3d Centroid(const Reconstruction& reconstruction, const std::vector
   return sum / static_cast<double>(points.size());
 }
 
-int HammingDistance(const std::array<uint8_t, 32>& a, const std::array<uint8_t, 32>& b) {
-  std::array<uint64_t, 4> x{};
-  std::array<uint64_t, 4> y{};
-  std::memcpy(x.data(), a.data(), a.size());
-  std::memcpy(y.data(), b.data(), b.size());
-  int distance = 0;
-  for (size_t i = 0; i < x.size(); ++i) distance += std::popcount(x[i] ^ y[i]);
-  return distance;
-}
-
-std::vector<const std::array<uint8_t, 32>*> DescriptorsOf(const Cluster& cluster,
-                                                          const DescriptorsByPoint& descriptors) {
-  std::vector<const std::array<uint8_t, 32>*> result;
+std::vector<const BinaryDescriptor*> DescriptorsOf(const Cluster& cluster,
+                                                   const PointDescriptors& descriptors) {
+  std::vector<const BinaryDescriptor*> result;
   for (const PointId id : cluster.points) {
     const auto it = descriptors.find(id);
     if (it != descriptors.end()) result.push_back(&it->second);
@@ -114,7 +102,7 @@ std::vector<const std::array<uint8_t, 32>*> DescriptorsOf(const Cluster& cluster
 }
 
 /// Share of the smaller cluster's descriptors that have a like in the other.
-double MatchedShare(const Cluster& a, const Cluster& b, const DescriptorsByPoint& descriptors,
+double MatchedShare(const Cluster& a, const Cluster& b, const PointDescriptors& descriptors,
                     int max_distance) {
   auto few = DescriptorsOf(a, descriptors);
   auto many = DescriptorsOf(b, descriptors);
@@ -209,18 +197,20 @@ void MergeInto(const Cluster& from, Cluster& into) {
   MergeSorted(from.segments, into.segments);
 }
 
-int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint& descriptors,
+int MergeClusters(const Reconstruction& reconstruction, const PointDescriptors& descriptors,
                   double median_depth, const ClusterOptions& options,
                   std::vector<Cluster>& clusters) {
   const double max_distance = options.merge_distance * median_depth;
+  const auto find_centroid = [&](Cluster& cluster) {
+    cluster.centroid_in_world = Centroid(reconstruction, cluster.points);
+  };
+  for (Cluster& cluster : clusters) find_centroid(cluster);
   const auto same_object = [&](const Cluster& a, const Cluster& b) {
-    const double distance =
-        (Centroid(reconstruction, a.points) - Centroid(reconstruction, b.points)).norm();
-    return distance < max_distance &&
+    return (a.centroid_in_world - b.centroid_in_world).norm() < max_distance &&
            MatchedShare(a, b, descriptors, options.max_descriptor_distance) >
                options.min_matched_descriptors;
   };
-  return MergePairs(clusters, same_object, [](const Cluster& /*grown*/) {});
+  return MergePairs(clusters, same_object, find_centroid);
 }
 
 void AddClusters(const Reconstruction& reconstruction, std::vector<Cluster> clusters,

@@ -121,7 +121,7 @@ void LiftOptions::Visit(OptionVisitor& v) {
 }
 
 LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable& class_table,
-                         const MaskProvider& masks, const DescriptorsByPoint& descriptors,
+                         const MaskProvider& masks, const PointDescriptors& descriptors,
                          const LiftOptions& options) {
   LiftResult result;
   SemanticMap& map = result.map;

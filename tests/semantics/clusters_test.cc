@@ -89,7 +89,7 @@ TEST(ClusterByInstance, BordersVoteOnlyAlone) {
 /// equal those of the first for `shared` points.
 struct TwoClusters {
   Reconstruction reconstruction;
-  DescriptorsByPoint descriptors;
+  PointDescriptors descriptors;
   std::vector<Cluster> clusters;
 
   TwoClusters(double apart, size_t shared) {

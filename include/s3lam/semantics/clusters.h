@@ -1,20 +1,17 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <vector>
 
 #include "s3lam/base/options.h"
+#include "s3lam/scene/descriptor.h"
 #include "s3lam/scene/semantic_map.h"
 #include "s3lam/semantics/instances.h"
 #include "s3lam/semantics/label_fusion.h"
 #include "s3lam/semantics/mask_observations.h"
 
 namespace s3lam {
-
-/// One binary descriptor per point, as stage 1 writes them.
-using DescriptorsByPoint = std::map<PointId, std::array<uint8_t, 32>>;
 
 /// How clusters that show one object twice are recognised: both are the paper's.
 enum class MergeMethod { kDescriptors, kReprojection };
@@ -48,7 +45,7 @@ std::vector<Cluster> ClusterByInstance(const MaskObservations& observations,
 /// Merges clusters of one class that show one object twice (the paper): their centroids are closer
 /// than merge_distance * `median_depth`, and more than min_matched_descriptors of the smaller one's
 /// descriptors have a like in the other. Returns the number of merges.
-int MergeClusters(const Reconstruction& reconstruction, const DescriptorsByPoint& descriptors,
+int MergeClusters(const Reconstruction& reconstruction, const PointDescriptors& descriptors,
                   double median_depth, const ClusterOptions& options,
                   std::vector<Cluster>& clusters);
 
@@ -59,8 +56,8 @@ int MergeByReprojection(const MaskObservations& observations, const ClusterOptio
                         std::vector<Cluster>& clusters);
 
 /// Merges clusters of one class of things that no image shows both of and of which more than
-/// min_in_space of the points of one lie in the space of the other: an object that was seen from two
-/// sides, with nothing in between, has no point in common for anything else to go by.
+/// min_in_space of the points of one lie in the space of the other: an object that was seen from
+/// two sides, with nothing in between, has no point in common for anything else to go by.
 int MergeSeenApart(const Reconstruction& reconstruction, const ClassTable& class_table,
                    const ClusterOptions& options, std::vector<Cluster>& clusters);
 
