@@ -85,7 +85,7 @@ FrameFeatures::FrameFeatures(std::vector<Keypoint> keypoints,
 }
 
 int FrameFeatures::Add(const Keypoint& keypoint, const BinaryDescriptor& descriptor) {
-  S3LAM_CHECK(keypoints_.size() < std::numeric_limits<uint16_t>::max());
+  S3LAM_CHECK(!IsFull());
   keypoints_.push_back(keypoint);
   descriptors_.push_back(descriptor);
   return size() - 1;

@@ -47,7 +47,7 @@ FrameTrack FrameLocalizer::FromNeighbours(int frame) const {
       after > before ? static_cast<double>(frame - before) / (after - before) : 0.0;
   const Rigid3 guess =
       Interpolate(CurrentPose(map_, tracks_[before]), CurrentPose(map_, tracks_[after]), share);
-  const FrameTrack track =
+  FrameTrack track =
       tracker_.TrackNear(map_, frame, share < 0.5 ? tracks_[before] : tracks_[after], guess);
   return track.tracked ? track : FrameTrack{};
 }

@@ -1,5 +1,6 @@
 #include "localization_steps.h"
 
+#include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/slam/export.h"
 
@@ -27,18 +28,28 @@ std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& inpu
     if (belongs_elsewhere[i] != 0) return;
     const int frame = static_cast<int>(i);
     localized[i] = localizer.Localize(frame);
-    if (!pass || !localized[i].tracked || keyframe_of_frame[i] != kNoIndex) return;
+    if (!pass || localized[i].matches.empty() || keyframe_of_frame[i] != kNoIndex) return;
     const ImagePyramid pyramid = BuildPyramid(options.features, input.read_gray(i));
     pass->AlignFrame(frame, pyramid, map, localized[i].cam_from_world, localized[i].matches);
     builder.tracker().Refine(map, frame, localized[i].cam_from_world, localized[i].matches);
   });
-  for (FrameTrack& track : localized) {
-    if (static_cast<int>(track.matches.size()) < options.min_localization_inliers) track = {};
+  for (size_t i = 0; i < localized.size(); ++i) {
+    if (keyframe_of_frame[i] != kNoIndex) continue;  // Part of the model in any case.
+    FrameTrack& track = localized[i];
+    track.tracked = static_cast<int>(track.matches.size()) >= options.min_localization_inliers;
+    if (!track.tracked) track = {};
   }
   return localized;
 }
 
 }  // namespace
+
+void EraseWeakKeyframes(const Options& options, const Submaps& maps) {
+  for (const auto& builder : maps) {
+    const int num_erased = builder->map().EraseWeakKeyframes(options.min_localization_inliers);
+    if (num_erased > 0) spdlog::info("{} keyframes see too little of the map", num_erased);
+  }
+}
 
 std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, const Input& input,
                                                     const Undistorter& undistorter,

@@ -4,6 +4,9 @@
 
 namespace s3lam::slam {
 
+/// Removes keyframes that see too little of their finished map to count as localised.
+void EraseWeakKeyframes(const Options& options, const Submaps& maps);
+
 /// Localises every frame in its map, one that was lost in the first that knows it: keyframes are
 /// where they are, others are refined against the final map, by patches too where keyframes are.
 /// By map, then by frame; not tracked where a frame belongs to another map, or sees too little.

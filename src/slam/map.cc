@@ -5,15 +5,19 @@
 #include <limits>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/statistics.h"
 
 namespace s3lam {
 
 Map::Map(std::vector<FrameFeatures>& frames, const FeatureOptions& options)
-    : frames_(frames), level_sigmas_(LevelSigmas(options)) {}
+    : frames_(frames),
+      level_sigmas_(LevelSigmas(options)),
+      log_scale_factor_(std::log(options.scale_factor)) {}
 
 Map& Map::operator=(const Map& other) {
   S3LAM_CHECK(&frames_ == &other.frames_);
   level_sigmas_ = other.level_sigmas_;
+  log_scale_factor_ = other.log_scale_factor_;
   keyframes_ = other.keyframes_;
   points_ = other.points_;
   aligned_sigmas_ = other.aligned_sigmas_;
@@ -82,6 +86,21 @@ void Map::EraseKeyframe(int keyframe) {
     if (point != kNoIndex) RemoveObservation(point, keyframe);
   }
   keyframes_[keyframe].alive = false;
+}
+
+int Map::EraseWeakKeyframes(int min_points) {
+  constexpr size_t kMinKeyframes = 2;
+  std::vector<int> alive = AliveKeyframes();
+  int num_erased = 0;
+  for (; alive.size() > kMinKeyframes; ++num_erased) {
+    const auto weakest = std::min_element(alive.begin(), alive.end(), [&](int a, int b) {
+      return CountPoints(a, 0) < CountPoints(b, 0);
+    });
+    if (CountPoints(*weakest, 0) >= min_points) break;
+    EraseKeyframe(*weakest);
+    alive.erase(weakest);
+  }
+  return num_erased;
 }
 
 void Map::MergePoints(int kept, int dropped) {
@@ -235,10 +254,7 @@ double Map::MedianDepth(int keyframe) const {
     if (point == kNoIndex) continue;
     depths.push_back((keyframes_[keyframe].cam_from_world * points_[point].position).z());
   }
-  if (depths.empty()) return 0.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return Median(std::move(depths));
 }
 
 std::vector<int> PointsOf(const Map& map, const std::vector<int>& keyframes) {

@@ -58,8 +58,7 @@ std::optional<Projection> PredictProjection(const Map& map, const MapPoint& poin
   const double distance = x.norm();
   projection.view_cosine = (view.cam_from_world.rotation * point.view_direction).dot(x) / distance;
   if (projection.view_cosine < kMinViewCosine) return std::nullopt;
-  const double level =
-      std::log(point.level0_distance / distance) / std::log(map.sigma(1) / map.sigma(0));
+  const double level = std::log(point.level0_distance / distance) / map.log_scale_factor();
   if (level < -1.5 || level > map.num_levels() + 0.5) return std::nullopt;
   projection.level = std::clamp(static_cast<int>(std::lround(level)), 0, map.num_levels() - 1);
   return projection;

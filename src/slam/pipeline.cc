@@ -337,6 +337,7 @@ Result Run(const Options& given, const Input& input) {
   steps.Do([&] {
     const ScopedStep step(seconds, "global bundle adjustment");
     AdjustAligned(options, state.undistorter, maps);
+    EraseWeakKeyframes(options, maps);
   });
   std::vector<std::vector<FrameTrack>> localized;
   {

@@ -311,6 +311,7 @@ int PatchPass::ExtendTracks(Map& map) const {
   int count = 0;
   for (int p = 0; p < map.num_points(); ++p) {
     for (const NewObservation& o : found[p]) {
+      if (map.features(o.keyframe).IsFull()) continue;
       const int keypoint = map.AddKeypoint(o.keyframe, o.keypoint, map.point(p).descriptor);
       count += map.AddObservation(p, {o.keyframe, keypoint});
     }

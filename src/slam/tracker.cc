@@ -174,28 +174,32 @@ std::optional<std::pair<Rigid3, std::vector<PointMatch>>> Tracker::FindByDescrip
 
 FrameTrack Tracker::Track(const Map& map, int frame, const FrameTrack& last,
                           const Rigid3& predicted) const {
-  const FrameTrack near = TrackNear(map, frame, last, predicted);
-  if (near.reference_keyframe != kNoIndex) return near;
+  FrameTrack near = TrackNear(map, frame, last, predicted);
+  if (near.tracked) return near;
   const int keyframe = last.reference_keyframe;
-  if (keyframe == kNoIndex || !map.keyframe(keyframe).alive) return {};
+  if (keyframe == kNoIndex || !map.keyframe(keyframe).alive) return near;
   auto found = FindByDescriptors(map, frame, keyframe);
-  if (!found) return {};
+  if (!found) return near;
   auto& [pose, matches] = *found;
-  if (Refine(map, frame, pose, matches) < kMinPoseInliers) return {};
-  return TrackLocalMap(map, frame, pose, matches, options_.map_radius_px);
+  if (Refine(map, frame, pose, matches) < kMinPoseInliers) return near;
+  FrameTrack track = TrackLocalMap(map, frame, pose, matches, options_.map_radius_px);
+  return track.matches.size() > near.matches.size() ? track : near;
 }
 
 FrameTrack Tracker::TrackNear(const Map& map, int frame, const FrameTrack& near,
                               const Rigid3& guess) const {
+  FrameTrack best;
   for (const double factor : {1.0, 2.5}) {
     Rigid3 pose = guess;
     std::vector<PointMatch> matches =
         FollowMatches(map, frame, near, guess, factor * options_.motion_radius_px);
     if (static_cast<int>(matches.size()) < kMinFollowed) continue;
     if (Refine(map, frame, pose, matches) < kMinFollowed) continue;
-    return TrackLocalMap(map, frame, pose, matches, options_.map_radius_px);
+    FrameTrack track = TrackLocalMap(map, frame, pose, matches, options_.map_radius_px);
+    if (track.matches.size() > best.matches.size()) best = std::move(track);
+    if (best.tracked) break;
   }
-  return {};
+  return best;
 }
 
 FrameTrack Tracker::Relocalize(const Map& map, int frame, int keyframe) const {

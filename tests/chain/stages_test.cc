@@ -1,8 +1,11 @@
 // All stages, run as a user runs them on a short rendered scene with known truth.
 
+#include <fmt/format.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "chain/chain_support.h"
@@ -184,6 +187,29 @@ TEST(Chain, DatabaseIsWrittenIfAskedFor) {
   EXPECT_TRUE(std::filesystem::exists(dir / "again" / "cameras.bin"));
   EXPECT_FALSE(std::filesystem::exists(dir / "again" / "database.db"));
   EXPECT_TRUE(std::filesystem::exists(ChainFolder("1_slam") / "database.db"));
+}
+
+TEST(Chain, KeyframesThatSeeTooLittleAreNotInTheModel) {
+  const TempDir dir;
+  const std::vector<std::string> arguments = {
+      "--sequence", ChainFolder("scene").string(), "--frames", "0:90", "--set", "accuracy=fast"};
+  Rerun("s3-slam", dir / "all", arguments);
+  size_t fewest = std::numeric_limits<size_t>::max();
+  const Reconstruction all = ReadColmapModel(dir / "all");
+  for (const auto& [id, image] : all.images) {
+    size_t count = 0;
+    for (const Point2D& keypoint : image.points2D)
+      count += keypoint.point_id != kInvalidPointId ? 1 : 0;
+    fewest = std::min(fewest, count);
+  }
+  std::vector<std::string> stricter = arguments;
+  stricter.insert(stricter.end(),
+                  {"--set", fmt::format("min_localization_inliers={}", fewest + 1)});
+  Rerun("s3-slam", dir / "strict", stricter);
+  const Reconstruction strict = ReadColmapModel(dir / "strict");
+  EXPECT_LT(strict.images.size(), all.images.size());
+  EXPECT_EQ(ReadTumTrajectory(dir / "strict" / "keyframes.txt").size(), strict.images.size());
+  Rerun("s3-refine", dir / "refined", {"--model", (dir / "strict").string()});
 }
 
 TEST(SameBytes, LiftWithAnyNumberOfThreads) {

@@ -89,5 +89,15 @@ TEST_F(MapTest, AnErasedKeyframeMovesWithItsNeighbour) {
   EXPECT_NEAR(map.PoseOf(1).translation.y(), 1.0, 1e-12);
 }
 
+TEST_F(MapTest, WeakKeyframesAreErasedTheWeakestFirst) {
+  Map map = MakeMap();
+  for (int p = 0; p < 7; ++p) map.RemoveObservation(p, 1);
+  for (int p = 5; p < 8; ++p) map.RemoveObservation(p, 2);
+  EXPECT_EQ(map.EraseWeakKeyframes(3), 0);
+  EXPECT_EQ(map.EraseWeakKeyframes(5), 1);
+  EXPECT_EQ(map.AliveKeyframes(), (std::vector<int>{0, 2}));
+  EXPECT_EQ(map.EraseWeakKeyframes(1000), 0);  // Two are left in any case.
+}
+
 }  // namespace
 }  // namespace s3lam

@@ -13,8 +13,8 @@ class FrameLocalizer {
                  const std::vector<int>& keyframe_of_frame);
 
   /// A keyframe's pose and matches are the map's own; another frame is matched anew, from where it
-  /// was tracked or, if it was not, from where its neighbours in time put it. Not tracked if not
-  /// found.
+  /// was tracked or, if it was not, from where its neighbours in time put it; then it must see as
+  /// much as a frame that is tracked. Without matches if not found.
   [[nodiscard]] FrameTrack Localize(int frame) const;
 
  private:

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
@@ -80,6 +81,8 @@ class FrameFeatures {
   [[nodiscard]] int num_detected() const { return num_detected_; }
   [[nodiscard]] const Keypoint& keypoint(int i) const { return keypoints_[i]; }
   [[nodiscard]] const BinaryDescriptor& descriptor(int i) const { return descriptors_[i]; }
+  /// Whether no further keypoint can be added.
+  [[nodiscard]] bool IsFull() const { return keypoints_.size() >= kMaxKeypoints; }
   /// Appends a keypoint and returns its index; BuildGrid makes it visible to VisitNear.
   int Add(const Keypoint& keypoint, const BinaryDescriptor& descriptor);
   void BuildGrid(const Undistorter& undistorter);
@@ -102,6 +105,7 @@ class FrameFeatures {
                  Visitor&& visit) const;
 
  private:
+  static constexpr size_t kMaxKeypoints = std::numeric_limits<uint16_t>::max();
   static constexpr int kColumns = 64;
   static constexpr int kRows = 48;
 

@@ -86,6 +86,8 @@ class Map {
   }
   [[nodiscard]] int num_levels() const { return static_cast<int>(level_sigmas_.size()); }
   [[nodiscard]] double sigma(int level) const { return level_sigmas_[level]; }
+  /// Of one level to the next.
+  [[nodiscard]] double log_scale_factor() const { return log_scale_factor_; }
   /// Standard deviation of keypoints aligned by patches on a level [px], or of all levels; none
   /// before there are any.
   [[nodiscard]] double aligned_sigma(int level) const { return aligned_sigmas_[level]; }
@@ -140,6 +142,9 @@ class Map {
   void ErasePoint(int point);
   /// What hangs on the keyframe hangs on its most covisible neighbour from then on.
   void EraseKeyframe(int keyframe);
+  /// Erases keyframes that see fewer points than `min_points`, the weakest first, but leaves two;
+  /// returns how many it erased.
+  int EraseWeakKeyframes(int min_points);
   /// Moves the observations of `dropped` to `kept` where they do not collide.
   void MergePoints(int kept, int dropped);
   /// Takes the keyframes and points of another map of the same frames over, moved into this world.
@@ -177,6 +182,7 @@ class Map {
  private:
   std::vector<FrameFeatures>& frames_;
   std::vector<double> level_sigmas_;
+  double log_scale_factor_;
   std::vector<Keyframe> keyframes_;
   std::vector<MapPoint> points_;
   std::vector<double> aligned_sigmas_;
