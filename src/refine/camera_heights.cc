@@ -14,8 +14,6 @@
 namespace s3lam {
 namespace {
 
-/// Standard deviation of a normal distribution by its median absolute deviation.
-constexpr double kSigmaOfMad = 1.4826;
 /// A plane stands out when its cameras' heights are off by so many times what the others are.
 constexpr double kWrongSigmas = 3.0;
 /// How far the heights may vary beyond what can be explained.
@@ -133,7 +131,7 @@ void CameraHeights::Update(PlaneModel& model, BundleProblem& problem) {
   const std::map<int, double> sigmas = MedianByPlane(heights, in_sigmas);
   const std::map<int, double> deviations = MedianByPlane(heights, relative);
   const bool was_raised = model.ground_strength > 1.0;
-  const double limit = kWrongSigmas * std::max(1.0, kSigmaOfMad * Median(in_sigmas));
+  const double limit = kWrongSigmas * std::max(1.0, Median(in_sigmas) / kMedianOfAbsoluteNormal);
   std::vector<int> wrong;
   for (const auto& [plane, deviation] : deviations) {
     const auto before = deviations_.find(plane);

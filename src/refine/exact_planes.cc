@@ -4,12 +4,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "s3lam/base/statistics.h"
 #include "s3lam/refine/projection.h"
 
 namespace s3lam {
 namespace {
-
-constexpr double kMedianOfAbsoluteUnitNormal = 0.6744897501960817;
 
 /// The members' distances in units of what triangulation alone explains, as the standard deviation
 /// of a normal distribution with their median.
@@ -24,9 +23,7 @@ double Scatter(const PlaneModel& model, const BundleProblem& problem, size_t k) 
     ratios.push_back(std::abs(distance) / std::sqrt(std::max(variance, 1e-300)));
   }
   if (ratios.empty()) return std::numeric_limits<double>::infinity();
-  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  return *middle / kMedianOfAbsoluteUnitNormal;
+  return Median(std::move(ratios)) / kMedianOfAbsoluteNormal;
 }
 
 void ChoosePlanes(const ExactPlaneOptions& options, const PlaneModel& model,

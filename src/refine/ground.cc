@@ -158,8 +158,7 @@ class GroundBuilder {
       return fmt::format("ground under {:.0f} % of the cameras only", 100.0 * coverage);
     }
     if (path_.at.back() < options_.plane_length_heights * height_) return "the path is short";
-    // 1.4826 MAD is the standard deviation of a normal distribution.
-    const double spread = 1.4826 * median_deviation;
+    const double spread = median_deviation / kMedianOfAbsoluteNormal;
     if (spread > options_.auto_max_spread) {
       return fmt::format("the camera's height varies by {:.1f} % within stretches", 100.0 * spread);
     }

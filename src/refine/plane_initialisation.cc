@@ -12,7 +12,6 @@
 namespace s3lam {
 namespace {
 
-constexpr double kMedianOfAbsoluteUnitNormal = 0.6744897501960817;
 /// Rounds of InitialisePlanes, and how near [sigma] to its plane a point must be to speak for
 /// kappa.
 constexpr int kInitialRounds = 6;
@@ -41,14 +40,14 @@ double MedianSigmas(const std::vector<KappaSample>& samples, double kappa) {
 /// The median falls as kappa grows: bisection.
 double SolveKappa(const std::vector<KappaSample>& samples, double min_kappa, double max_kappa) {
   double low = min_kappa;
-  if (samples.empty() || MedianSigmas(samples, low) <= kMedianOfAbsoluteUnitNormal) return low;
+  if (samples.empty() || MedianSigmas(samples, low) <= kMedianOfAbsoluteNormal) return low;
   double high = low;
   do {
     high *= 2.0;
-  } while (MedianSigmas(samples, high) > kMedianOfAbsoluteUnitNormal && high < max_kappa);
+  } while (MedianSigmas(samples, high) > kMedianOfAbsoluteNormal && high < max_kappa);
   for (int step = 0; step < 30; ++step) {
     const double middle = 0.5 * (low + high);
-    (MedianSigmas(samples, middle) > kMedianOfAbsoluteUnitNormal ? low : high) = middle;
+    (MedianSigmas(samples, middle) > kMedianOfAbsoluteNormal ? low : high) = middle;
   }
   return std::min(high, max_kappa);
 }

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <optional>
 
+#include "s3lam/base/statistics.h"
 #include "s3lam/geometry/triangulation.h"
 #include "s3lam/refine/projection.h"
 
@@ -295,10 +296,9 @@ size_t MergePoints(const RetriangulationOptions& options, double sigma_px, Bundl
     sizes.push_back(pixel_size[i]);
   }
   if (chosen.size() < 2 || !(options.max_merge_px > 0.0)) return 0;
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::nth_element(sizes.begin(), middle, sizes.end());
   // Of points much farther away than most, only those within a common cube's reach are compared.
-  const NearbyPoints nearby(map.problem.points, chosen, options.max_merge_px * 2.0 * *middle);
+  const NearbyPoints nearby(map.problem.points, chosen,
+                            options.max_merge_px * 2.0 * Median(std::move(sizes)));
   const Observer observer(map);
   const auto ranges = RangesOfPoints(map);
   std::vector<Merge> merges;

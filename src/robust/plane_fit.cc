@@ -99,12 +99,11 @@ std::vector<Departure> FindDepartures(std::span<const UncertainPoint> points, co
 
 /// Of the distances in units of what explains them. 1 if they scatter as that says.
 double RobustScatter(std::span<const Departure> departures, double share) {
-  constexpr double kMedianOfNormal = 0.6744897501960817;  // Of the absolute value.
   std::vector<double> errors;
   for (const Departure& d : departures) {
     errors.push_back(d.distance / std::sqrt(d.Variance(share)));
   }
-  return Median(std::move(errors)) / kMedianOfNormal;
+  return Median(std::move(errors)) / kMedianOfAbsoluteNormal;
 }
 
 /// The share of their roughness, 0 to 1, with which points scatter as they say they do.

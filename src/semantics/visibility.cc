@@ -6,6 +6,8 @@
 #include <optional>
 #include <utility>
 
+#include "s3lam/base/statistics.h"
+
 namespace s3lam {
 namespace {
 
@@ -20,13 +22,9 @@ struct Outlook {
 };
 
 Outlook OutlookOf(const Image& image, std::vector<double> depths) {
-  Outlook outlook{image.cam_from_world.CenterInB(),
-                  image.cam_from_world.rotation.conjugate() * Eigen::Vector3d::UnitZ(), 0.0};
-  if (depths.empty()) return outlook;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  outlook.median_depth = *middle;
-  return outlook;
+  return {image.cam_from_world.CenterInB(),
+          image.cam_from_world.rotation.conjugate() * Eigen::Vector3d::UnitZ(),
+          Median(std::move(depths))};
 }
 
 /// The views nearest to one that look the same way, nearest first.

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/statistics.h"
 
 namespace s3lam::slam {
 namespace {
@@ -162,10 +163,7 @@ double MedianDepth(const Map& map, const FrameTrack& track) {
   for (const PointMatch& match : track.matches) {
     depths.push_back((track.cam_from_world * map.point(match.point).position).z());
   }
-  if (depths.empty()) return 0.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return Median(std::move(depths));
 }
 
 FrameReport DescribeFrame(const Undistorter& undistorter, const Map& map, int frame,

@@ -4,6 +4,7 @@
 
 #include "pair_evaluator.h"
 #include "s3lam/base/parallel.h"
+#include "s3lam/base/statistics.h"
 
 namespace s3lam {
 namespace {
@@ -86,10 +87,7 @@ double MedianFlow(const FrameFeatures& start, const std::vector<Track>& tracks) 
     const auto origin = start.keypoint(track.keypoint_of_frame.front()).undistorted.cast<double>();
     flows.push_back((track.position - origin).norm());
   }
-  if (flows.empty()) return 0.0;
-  const auto middle = flows.begin() + static_cast<std::ptrdiff_t>(flows.size() / 2);
-  std::nth_element(flows.begin(), middle, flows.end());
-  return *middle;
+  return Median(std::move(flows));
 }
 
 double Quality(const InitializerOptions& options, const InitialPair& pair) {
