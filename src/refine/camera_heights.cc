@@ -107,19 +107,26 @@ double HeightSigma(const PlaneFit& fit, const Eigen::Vector3d& center) {
   return std::sqrt(std::max(0.0, lever.dot(fit.covariance * lever)));
 }
 
-double HeightSpread(const BundleProblem& problem) {
-  if (problem.heights.empty()) return 0.0;
+double RelativeSpread(const std::vector<double>& values) {
+  if (values.empty()) return 0.0;
   double sum = 0.0;
   double squared = 0.0;
-  for (const HeightTerm& term : problem.heights) {
-    const double h = problem.planes[term.plane].PlaneInWorld().SignedDistance(
-        FromPoseBlock(problem.poses[term.pose].data()).CenterInB());
-    sum += h;
-    squared += h * h;
+  for (const double value : values) {
+    sum += value;
+    squared += value * value;
   }
-  const double n = static_cast<double>(problem.heights.size());
+  const auto n = static_cast<double>(values.size());
   const double mean = sum / n;
   return std::sqrt(std::max(0.0, squared / n - mean * mean)) / mean;
+}
+
+double HeightSpread(const BundleProblem& problem) {
+  std::vector<double> heights;
+  for (const HeightTerm& term : problem.heights) {
+    heights.push_back(problem.planes[term.plane].PlaneInWorld().SignedDistance(
+        FromPoseBlock(problem.poses[term.pose].data()).CenterInB()));
+  }
+  return RelativeSpread(heights);
 }
 
 void CameraHeights::Update(PlaneModel& model, BundleProblem& problem) {

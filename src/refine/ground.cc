@@ -147,13 +147,14 @@ class GroundBuilder {
     if (heights.empty()) return "too few points on " + options_.ground_class;
     report_.height = Median(heights);
     if (options_.mode == CameraHeightMode::kOn) return {};
-    return Doubts(heights.size(), Median(deviations));
+    return Doubts(heights, Median(deviations));
   }
 
-  /// Why the camera's height should not be trusted to be constant, if so.
-  [[nodiscard]] std::string Doubts(size_t num_cameras, double median_deviation) const {
+  /// Why the camera's height should not be trusted to be constant, or need not be, if so.
+  [[nodiscard]] std::string Doubts(const std::vector<double>& heights,
+                                   double median_deviation) const {
     const double coverage =
-        static_cast<double>(num_cameras) / static_cast<double>(path_.poses.size());
+        static_cast<double>(heights.size()) / static_cast<double>(path_.poses.size());
     if (coverage < options_.auto_min_coverage) {
       return fmt::format("ground under {:.0f} % of the cameras only", 100.0 * coverage);
     }
@@ -161,6 +162,11 @@ class GroundBuilder {
     const double spread = median_deviation / kMedianOfAbsoluteNormal;
     if (spread > options_.auto_max_spread) {
       return fmt::format("the camera's height varies by {:.1f} % within stretches", 100.0 * spread);
+    }
+    const double overall = RelativeSpread(heights);
+    if (options_.value == 0.0 && overall <= options_.sigma_relative) {
+      return fmt::format("the camera's height varies by {:.1f} % only: there is nothing to mend",
+                         100.0 * overall);
     }
     return {};
   }
@@ -330,9 +336,9 @@ class GroundBuilder {
 
 void CameraHeightOptions::Visit(OptionVisitor& v) {
   v.Choice("mode", mode, kModeNames,
-           "constant camera height above the ground: auto asks for evidence, and lets go of it "
-           "where the "
-           "map does not follow; on insists");
+           "constant camera height above the ground: auto asks for evidence, leaves it alone where "
+           "it varies by no more than sigma_relative already, and lets go of it where the map does "
+           "not follow; on insists");
   v.Value("class", ground_class, "name of the ground's class");
   v.Value("value", value, "the height, if known: makes the result metric; 0 if not [m]", 0.0, 1e6);
   v.Value("sigma_relative", sigma_relative,

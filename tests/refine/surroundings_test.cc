@@ -103,6 +103,21 @@ SyntheticMap MakeClimb() {
   return MakeRaisedDrive([](double part) { return part; }, options);
 }
 
+TEST(RefineCameraHeight, IsLeftAloneWhereItIsConstantAlready) {
+  SyntheticMapOptions map_options;
+  map_options.num_points = 4000;
+  map_options.pixel_sigma = 0.2;
+  const SyntheticMap map = MakeSyntheticMap("street", 1, map_options);
+  Options options;
+  Output output;
+  const Report report = refine::Run(options, MakeInput(map), output);
+  EXPECT_FALSE(report.ground.in_use);
+  EXPECT_NE(report.ground.reason.find("nothing to mend"), std::string::npos)
+      << report.ground.reason;
+  options.camera_height.value = 1.65;  // Unless it is to give the scale.
+  EXPECT_TRUE(refine::Run(options, MakeInput(map), output).ground.in_use);
+}
+
 TEST(RefineCameraHeight, CostsLittleWhereAVehicleSwaysByAPercent) {
   SyntheticMapOptions options;
   options.num_points = 2000;

@@ -13,6 +13,9 @@ namespace s3lam {
 /// Standard deviation of a camera's height over a plane fitted to points that may lie aside of it.
 double HeightSigma(const PlaneFit& fit, const Eigen::Vector3d& center);
 
+/// Standard deviation over the mean; zero for no values.
+double RelativeSpread(const std::vector<double>& values);
+
 /// Relative standard deviation of the cameras' heights over their ground planes; zero without any.
 double HeightSpread(const BundleProblem& problem);
 
