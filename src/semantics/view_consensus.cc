@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cstdint>
-#include <map>
 #include <numeric>
 #include <queue>
 #include <utility>
@@ -140,14 +139,36 @@ void ForEachBatch(uint32_t begin, uint32_t end, int num_threads, const Body& bod
   });
 }
 
+/// A vote on a pair of objects, the lower one first.
+struct ObjectVote {
+  std::pair<uint32_t, uint32_t> objects;
+  float weight = 0.0F;
+};
+using ObjectVotes = std::vector<ObjectVote>;
+
+/// Makes one vote, by ascending objects, of those on the same pair.
+void SumByPair(ObjectVotes& votes) {
+  std::stable_sort(votes.begin(), votes.end(),
+                   [](const ObjectVote& a, const ObjectVote& b) { return a.objects < b.objects; });
+  size_t count = 0;
+  for (const ObjectVote& vote : votes) {
+    if (count > 0 && votes[count - 1].objects == vote.objects) {
+      votes[count - 1].weight += vote.weight;
+    } else {
+      votes[count++] = vote;
+    }
+  }
+  votes.resize(count);
+}
+
 /// Contracts the segments of a run of frames by themselves: the graph of all of them would not fit
-/// into memory.
-void ContractWindow(const CommonViews& views, uint32_t begin, uint32_t end, float min_weight,
-                    int num_threads, Roots& roots) {
+/// into memory. Returns what these frames say of the pairs that are left.
+ObjectVotes ContractWindow(const CommonViews& views, uint32_t begin, uint32_t end, float min_weight,
+                           int num_threads, Roots& roots) {
   std::vector<std::vector<WeightedList>> votes(end - begin);
   ForEachBatch(begin, end, num_threads, [&](size_t /*batch*/, uint32_t first, uint32_t last) {
     VoteCounter counter(views);
-    for (uint32_t f = first; f < last; ++f) votes[f - begin] = counter.Count(f, end);
+    for (uint32_t f = first; f < last; ++f) votes[f - begin] = counter.Count(f, begin, end);
   });
   const uint32_t base = views.FirstSegmentOf(begin);
   SignedGraph graph(views.FirstSegmentOf(end) - base);
@@ -160,22 +181,29 @@ void ContractWindow(const CommonViews& views, uint32_t begin, uint32_t end, floa
     of_frame = {};
   }
   ContractGreedily(min_weight, graph);
-  for (a = 0; a < graph.size(); ++a) roots[base + a] = base + graph.Root(a);
+  ObjectVotes left;
+  for (a = 0; a < graph.size(); ++a) {
+    roots[base + a] = base + graph.Root(a);
+    if (!graph.IsAlive(a)) continue;
+    for (const Weighted& b : graph.NeighborsOf(a)) {
+      if (b.id > a && graph.IsAlive(b.id)) left.push_back({{base + a, base + b.id}, b.weight});
+    }
+  }
+  return left;
 }
 
-/// Votes on pairs of objects, the lower one first.
-using ObjectVotes = std::map<std::pair<uint32_t, uint32_t>, float>;
-
-/// The votes of some frames and those behind them on pairs of windows' objects, those of the
-/// objects' segments taken together.
-ObjectVotes SumVotes(const CommonViews& views, const Roots& roots, uint32_t first, uint32_t last) {
-  ObjectVotes sums;
+/// The votes of some frames, and those behind their window, on pairs of windows' objects, those of
+/// the objects' segments taken together.
+ObjectVotes VotesAcrossWindows(const CommonViews& views, const Roots& roots, uint32_t window,
+                               uint32_t first, uint32_t last) {
+  ObjectVotes votes;
   VoteCounter counter(views);
   std::vector<float> with(roots.size(), 0.0F);  // Of one segment with each object.
   std::vector<uint32_t> touched;
   uint32_t a = views.FirstSegmentOf(first);
   for (uint32_t f = first; f < last; ++f) {
-    for (const WeightedList& of_segment : counter.Count(f, views.num_frames())) {
+    const uint32_t end_of_window = (f / window + 1) * window;
+    for (const WeightedList& of_segment : counter.Count(f, end_of_window, views.num_frames())) {
       for (const Weighted& b : of_segment) {
         const uint32_t object = roots[b.id];
         if (with[object] == 0.0F) touched.push_back(object);
@@ -183,30 +211,31 @@ ObjectVotes SumVotes(const CommonViews& views, const Roots& roots, uint32_t firs
       }
       const uint32_t own = roots[a++];
       for (const uint32_t object : touched) {
-        if (object != own && with[object] != 0.0F) sums[std::minmax(own, object)] += with[object];
+        if (with[object] != 0.0F) votes.push_back({std::minmax(own, object), with[object]});
         with[object] = 0.0F;
       }
       touched.clear();
     }
   }
-  return sums;
+  SumByPair(votes);
+  return votes;
 }
 
-/// Contracts what the windows left, by the votes of all frames.
-void ContractAcrossWindows(const CommonViews& views, float min_weight, int num_threads,
-                           Roots& roots) {
+/// Contracts what the windows left, by the votes of all frames; `votes` are those within windows.
+void ContractAcrossWindows(const CommonViews& views, uint32_t window, float min_weight,
+                           int num_threads, ObjectVotes votes, Roots& roots) {
   const uint32_t num_frames = views.num_frames();
-  std::vector<ObjectVotes> sums((num_frames + kFramesOfBatch - 1) / kFramesOfBatch);
+  std::vector<ObjectVotes> across((num_frames + kFramesOfBatch - 1) / kFramesOfBatch);
   ForEachBatch(0, num_frames, num_threads, [&](size_t batch, uint32_t first, uint32_t last) {
-    sums[batch] = SumVotes(views, roots, first, last);
+    across[batch] = VotesAcrossWindows(views, roots, window, first, last);
   });
-  ObjectVotes total;
-  for (ObjectVotes& of_batch : sums) {
-    for (const auto& [objects, weight] : of_batch) total[objects] += weight;
-    of_batch.clear();
+  for (ObjectVotes& of_batch : across) {
+    votes.insert(votes.end(), of_batch.begin(), of_batch.end());
+    of_batch = {};
   }
+  SumByPair(votes);
   SignedGraph graph(roots.size());
-  for (const auto& [objects, weight] : total) {
+  for (const auto& [objects, weight] : votes) {
     graph.AddEdge(objects.first, objects.second, weight);
   }
   ContractGreedily(min_weight, graph);
@@ -243,11 +272,15 @@ InstanceAssignment ClusterByConsensus(const MaskObservations& observations,
   const CommonViews views(observations, options);
   const uint32_t num_frames = views.num_frames();
   Roots roots(views.num_segments());
+  ObjectVotes votes;
   for (uint32_t begin = 0; begin < num_frames; begin += window) {
     const uint32_t end = begin + std::min(window, num_frames - begin);
-    ContractWindow(views, begin, end, min_weight, num_threads, roots);
+    const ObjectVotes left = ContractWindow(views, begin, end, min_weight, num_threads, roots);
+    votes.insert(votes.end(), left.begin(), left.end());
   }
-  if (num_frames > window) ContractAcrossWindows(views, min_weight, num_threads, roots);
+  if (num_frames > window) {
+    ContractAcrossWindows(views, window, min_weight, num_threads, std::move(votes), roots);
+  }
   InstanceAssignment result;
   result.instance_of_segment.assign(roots.size(), kNoInstance);
   std::vector<int32_t> instance_of_root(roots.size(), kNoInstance);

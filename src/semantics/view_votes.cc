@@ -86,16 +86,16 @@ CommonViews::CommonViews(const MaskObservations& observations, const ConsensusOp
 VoteCounter::VoteCounter(const CommonViews& views)
     : views_(views), first_sighting_(views.num_rows_, kNone) {}
 
-std::vector<WeightedList> VoteCounter::Count(uint32_t frame, uint32_t end) {
+std::vector<WeightedList> VoteCounter::Count(uint32_t frame, uint32_t begin, uint32_t end) {
   const auto& sightings = views_.sightings_[frame];
   std::vector<WeightedList> votes(views_.first_segment_[frame + 1] - views_.first_segment_[frame]);
   for (auto i = static_cast<uint32_t>(sightings.size()); i-- > 0;) {
     first_sighting_[sightings[i].row] = i;
   }
-  CountOwn(frame, votes);
+  if (begin <= frame) CountOwn(frame, votes);
   for (const uint32_t other : views_.partners_[frame]) {
     if (other >= end) break;
-    CountPair(frame, other, votes);
+    if (other >= begin) CountPair(frame, other, votes);
   }
   for (const auto& s : sightings) first_sighting_[s.row] = kNone;
   return votes;

@@ -49,9 +49,9 @@ class VoteCounter {
  public:
   explicit VoteCounter(const CommonViews& views);
 
-  /// For each segment of the frame its votes with segments behind it, of this frame and of those
-  /// before `end`. The weight is positive where two frames find the two to be one object.
-  [[nodiscard]] std::vector<WeightedList> Count(uint32_t frame, uint32_t end);
+  /// For each segment of the frame its votes with segments behind it of the frames [begin, end),
+  /// its own among them. The weight is positive where two frames find the two to be one object.
+  [[nodiscard]] std::vector<WeightedList> Count(uint32_t frame, uint32_t begin, uint32_t end);
 
  private:
   void CountOwn(uint32_t frame, std::vector<WeightedList>& votes);

@@ -35,7 +35,7 @@ struct ConsensusOptions {
   double predicted_weight = 0.3;
   double other_class_weight = 0.25;
   double min_agreement = 1.0;
-  int max_partners = 60;
+  int max_partners = 30;
   int window = 128;
 
   void Visit(OptionVisitor& v);
