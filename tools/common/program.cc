@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <sys/resource.h>
 
+#include <atomic>
 #include <clocale>
 #include <cstdio>
 #include <cstdlib>
@@ -157,6 +158,17 @@ int RunAndExplain(int argc, char** argv, const Program& program, bool& out_of_me
   }
 }
 
+/// Memory for what follows the first failure to get any: exceptions in flight, and destructors that
+/// must not fail but ask for memory, as nlohmann::json's do.
+std::atomic<void*> memory_reserve{nullptr};
+constexpr size_t kReserveBytes = size_t{4} << 20U;
+
+/// A new_handler.
+void GiveUpMemoryReserve() {
+  std::free(memory_reserve.exchange(nullptr));
+  throw std::bad_alloc();
+}
+
 bool IsAddressSpaceLimited() {
   rlimit limit{};
   return getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
@@ -166,6 +178,8 @@ bool IsAddressSpaceLimited() {
 
 int RunProgram(int argc, char** argv, const Program& program) {
   std::setlocale(LC_ALL, "C");
+  memory_reserve = std::malloc(kReserveBytes);
+  std::set_new_handler(GiveUpMemoryReserve);
   bool out_of_memory = false;
   const int code = RunAndExplain(argc, argv, program, out_of_memory);
   // Not by way of exit handlers: OpenBLAS's waits for threads that try for memory for ever.

@@ -32,7 +32,7 @@ struct LoopReport {
 
 struct LoopClosingReport {
   std::vector<LoopReport> closed;
-  int num_rejected = 0;  // Closed on trial, and undone because the map did not bear it.
+  int num_rejected = 0;  // Found, but not closed, or undone: the map does not bear them.
 
   template <typename A>
   void Transfer(A& archive) {
