@@ -77,9 +77,9 @@ def name_errors(root):
     header_of = {}
     for path in sorted((root / "include" / "s3lam").rglob("*.h")):
         text = path.read_text()
-        namespaces = NAMESPACE.findall(text)
+        namespace = (NAMESPACE.findall(text) or ["s3lam"])[-1]
         for name in PUBLIC_TYPE.findall(text):
-            full = f"{namespaces[-1]}::{name}"
+            full = f"{namespace}::{name}"
             if full in header_of:
                 yield f"{path.relative_to(root)}: {full} is in {header_of[full]} as well"
             header_of[full] = path.relative_to(root)

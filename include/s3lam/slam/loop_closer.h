@@ -42,11 +42,11 @@ struct LoopClosingReport {
 
 /// Looks, for every keyframe, for others that show the same place without being connected to it,
 /// and closes all loops found at once: drift is spread by a pose graph over similarities, the
-/// points of both sides are fused, everything is adjusted. If the adjusted map loses more of its
-/// observations than max_lost_share, or tears more than min_surviving_share leaves together of a
-/// loop's own points, the loops contradict it: it is tried again without those that were torn, and
-/// left as it was if nothing helps. Repeated while it finds loops. `tracks` move with their
-/// keyframes.
+/// points of both sides are fused, everything is adjusted. A loop is torn if less than
+/// min_surviving_share of the points that it joined are still seen from both sides then. If there
+/// are such, or the map lost more of its observations than max_lost_share, the loops contradict it:
+/// it is tried again without those that were torn, and left as it was if nothing helps. Repeated
+/// while it finds loops. `tracks` move with their keyframes.
 LoopClosingReport CloseLoops(const LoopClosingOptions& options, const Vocabulary& vocabulary,
                              const Undistorter& undistorter, const Mapper& mapper,
                              int global_rounds, int num_threads, Map& map,
