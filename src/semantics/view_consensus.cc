@@ -11,26 +11,15 @@
 namespace s3lam {
 namespace {
 
-WeightedList::iterator Find(WeightedList& list, uint32_t id) {
-  const auto it =
-      std::lower_bound(list.begin(), list.end(), id,
-                       [](const Weighted& w, uint32_t wanted) { return w.id < wanted; });
-  return it != list.end() && it->id == id ? it : list.end();
-}
-
-float WeightOf(WeightedList& list, uint32_t id) {
-  const auto it = Find(list, id);
-  return it == list.end() ? 0.0F : it->weight;
-}
-
 /// An undirected graph with signed weights, whose nodes can be contracted.
 class SignedGraph {
  public:
-  explicit SignedGraph(size_t num_nodes) : neighbors_(num_nodes), root_(num_nodes) {
+  explicit SignedGraph(size_t num_nodes)
+      : neighbors_(num_nodes), root_(num_nodes), sum_(num_nodes, 0.0F), is_touched_(num_nodes, 0) {
     std::iota(root_.begin(), root_.end(), 0U);
   }
 
-  /// Edges must come by ascending (a, b), a < b.
+  /// At most once for a pair.
   void AddEdge(uint32_t a, uint32_t b, float weight) {
     neighbors_[a].push_back({b, weight});
     neighbors_[b].push_back({a, weight});
@@ -38,88 +27,94 @@ class SignedGraph {
 
   [[nodiscard]] size_t size() const { return root_.size(); }
   [[nodiscard]] bool IsAlive(uint32_t node) const { return root_[node] == node; }
-  [[nodiscard]] const WeightedList& NeighborsOf(uint32_t node) const { return neighbors_[node]; }
-  /// Weight of an edge; 0 if there is none.
-  [[nodiscard]] float Weight(uint32_t a, uint32_t b) { return WeightOf(neighbors_[a], b); }
-
-  /// Contracts b into a; weights to common neighbours add up. Returns the edges that changed.
-  WeightedList Contract(uint32_t a, uint32_t b) {
-    root_[b] = a;
-    WeightedList changed;
-    WeightedList merged;
-    auto x = neighbors_[a].begin();
-    auto y = neighbors_[b].begin();
-    while (x != neighbors_[a].end() || y != neighbors_[b].end()) {
-      const bool from_a = y == neighbors_[b].end() || (x != neighbors_[a].end() && x->id <= y->id);
-      const bool from_b = x == neighbors_[a].end() || (y != neighbors_[b].end() && y->id <= x->id);
-      Weighted sum{from_a ? x->id : y->id, 0.0F};
-      if (from_a) sum.weight += (x++)->weight;
-      if (from_b) sum.weight += (y++)->weight;
-      if (sum.id == a || !IsAlive(sum.id)) continue;
-      merged.push_back(sum);
-      if (from_b) changed.push_back(sum);
-    }
-    for (const Weighted& c : changed) SetWeight(c.id, a, c.weight);
-    neighbors_[a] = std::move(merged);
-    neighbors_[b] = {};
-    return changed;
-  }
 
   /// The node that holds this one now.
-  [[nodiscard]] uint32_t Root(uint32_t node) const {
-    while (root_[node] != node) node = root_[node];
+  uint32_t Root(uint32_t node) {
+    while (root_[node] != node) node = root_[node] = root_[root_[node]];
     return node;
   }
 
- private:
-  /// The entry of a contracted neighbour stays in the list until the next contraction of `node`.
-  void SetWeight(uint32_t node, uint32_t neighbor, float weight) {
-    WeightedList& list = neighbors_[node];
-    const auto it = std::lower_bound(list.begin(), list.end(), neighbor,
-                                     [](const Weighted& w, uint32_t id) { return w.id < id; });
-    if (it != list.end() && it->id == neighbor) {
-      it->weight = weight;
-    } else {
-      list.insert(it, {neighbor, weight});
-    }
+  /// Puts b and its edges into a; the weights to a common neighbour add up.
+  void Contract(uint32_t a, uint32_t b) {
+    root_[b] = a;
+    neighbors_[a].insert(neighbors_[a].end(), neighbors_[b].begin(), neighbors_[b].end());
+    neighbors_[b] = {};
   }
 
-  std::vector<WeightedList> neighbors_;
+  /// The nodes alive that a living one has edges to, each once.
+  const WeightedList& Neighbors(uint32_t node) {
+    WeightedList& list = neighbors_[node];
+    size_t count = 0;
+    for (const Weighted& edge : list) {
+      const uint32_t other = Root(edge.id);
+      if (other == node) continue;
+      if (is_touched_[other] == 0) list[count++].id = other;  // Not ahead of what is read.
+      is_touched_[other] = 1;
+      sum_[other] += edge.weight;
+    }
+    list.resize(count);
+    for (Weighted& edge : list) {
+      edge.weight = std::exchange(sum_[edge.id], 0.0F);
+      is_touched_[edge.id] = 0;
+    }
+    return list;
+  }
+
+ private:
+  std::vector<WeightedList> neighbors_;  // By ids that may be contracted since.
   std::vector<uint32_t> root_;
+  std::vector<float> sum_;           // Zero between calls.
+  std::vector<uint8_t> is_touched_;  // Zero between calls.
 };
 
-struct Contraction {
+/// The heaviest edge of a node, as it was when both ends had had so many contractions.
+struct HeaviestEdge {
   float weight = 0.0F;
-  uint32_t a = 0;
-  uint32_t b = 0;
+  uint32_t node = 0;
+  uint32_t other = 0;
+  uint32_t version_of_node = 0;
+  uint32_t version_of_other = 0;
 
   /// The heavier first, then the lower ids.
-  bool operator<(const Contraction& other) const {
-    if (weight != other.weight) return weight < other.weight;
-    return std::pair(a, b) > std::pair(other.a, other.b);
+  bool operator<(const HeaviestEdge& than) const {
+    if (weight != than.weight) return weight < than.weight;
+    return std::minmax(node, other) > std::minmax(than.node, than.other);
   }
 };
 
 /// Contracts the heaviest edge as long as one is heavier than `min_weight` (Keuper et al., ICCV
-/// 2015: greedy additive edge contraction for correlation clustering).
+/// 2015: greedy additive edge contraction for correlation clustering). An edge changes only when
+/// something is contracted into one of its ends, whose heaviest edge is queued anew then; so no
+/// edge is heavier than what is queued of both its ends.
 void ContractGreedily(float min_weight, SignedGraph& graph) {
-  std::priority_queue<Contraction> queue;
-  for (uint32_t a = 0; a < graph.size(); ++a) {
-    for (const Weighted& b : graph.NeighborsOf(a)) {
-      if (b.id > a && b.weight > min_weight) queue.push({b.weight, a, b.id});
-    }
-  }
-  while (!queue.empty()) {
-    const Contraction best = queue.top();
-    queue.pop();
-    const bool is_current = graph.IsAlive(best.a) && graph.IsAlive(best.b) &&
-                            graph.Weight(best.a, best.b) == best.weight;
-    if (!is_current) continue;
-    for (const Weighted& c : graph.Contract(best.a, best.b)) {
-      if (c.weight > min_weight) {
-        queue.push({c.weight, std::min(best.a, c.id), std::max(best.a, c.id)});
+  std::priority_queue<HeaviestEdge> queue;
+  std::vector<uint32_t> version(graph.size(), 0);  // Counts the contractions into a node.
+  const auto enqueue = [&](uint32_t node) {
+    HeaviestEdge best{min_weight, node, node, version[node], 0};
+    for (const Weighted& edge : graph.Neighbors(node)) {
+      if (edge.weight > best.weight ||
+          (edge.weight == best.weight && best.other != node && edge.id < best.other)) {
+        best.weight = edge.weight;
+        best.other = edge.id;
       }
     }
+    if (best.other == node) return;
+    best.version_of_other = version[best.other];
+    queue.push(best);
+  };
+  for (uint32_t node = 0; node < graph.size(); ++node) enqueue(node);
+  while (!queue.empty()) {
+    const HeaviestEdge best = queue.top();
+    queue.pop();
+    if (!graph.IsAlive(best.node) || version[best.node] != best.version_of_node) continue;
+    if (!graph.IsAlive(best.other) || version[best.other] != best.version_of_other) {
+      enqueue(best.node);
+      continue;
+    }
+    const auto [a, b] = std::minmax(best.node, best.other);
+    graph.Contract(a, b);
+    ++version[a];
+    enqueue(a);
   }
 }
 
@@ -185,8 +180,8 @@ ObjectVotes ContractWindow(const CommonViews& views, uint32_t begin, uint32_t en
   for (a = 0; a < graph.size(); ++a) {
     roots[base + a] = base + graph.Root(a);
     if (!graph.IsAlive(a)) continue;
-    for (const Weighted& b : graph.NeighborsOf(a)) {
-      if (b.id > a && graph.IsAlive(b.id)) left.push_back({{base + a, base + b.id}, b.weight});
+    for (const Weighted& b : graph.Neighbors(a)) {
+      if (b.id > a) left.push_back({{base + a, base + b.id}, b.weight});
     }
   }
   return left;
@@ -269,7 +264,7 @@ InstanceAssignment ClusterByConsensus(const MaskObservations& observations,
                                       const ConsensusOptions& options, int num_threads) {
   const auto window = static_cast<uint32_t>(options.window);
   const auto min_weight = static_cast<float>(options.min_agreement);
-  const CommonViews views(observations, options);
+  const CommonViews views(observations, options, num_threads);
   const uint32_t num_frames = views.num_frames();
   Roots roots(views.num_segments());
   ObjectVotes votes;

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <limits>
 
+#include "s3lam/base/parallel.h"
+
 namespace s3lam {
 namespace {
 
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
-
-using Flags = std::vector<char>;  // Faster to ask than bits.
 
 /// Points that each pair of frames has in common; of every k-th point only where there are so many
 /// that counting them all takes long. A point is a list of the frames that see it.
@@ -31,34 +31,36 @@ std::vector<std::vector<float>> CountCommon(const std::vector<WeightedList>& fra
 /// For every frame, the later ones it is compared with: those that see its points, or, of each of
 /// the two, an even choice of max_partners among them, from the most points in common to the least.
 std::vector<std::vector<uint32_t>> ChoosePartners(const std::vector<WeightedList>& frames_of_row,
-                                                  size_t num_frames, int max_partners) {
+                                                  size_t num_frames, int max_partners,
+                                                  int num_threads) {
   const std::vector<std::vector<float>> common = CountCommon(frames_of_row, num_frames);
-  std::vector<Flags> chosen(num_frames, Flags(num_frames, 0));
-  for (size_t f = 0; f < num_frames; ++f) {
-    std::vector<size_t> others;
-    for (size_t g = 0; g < num_frames; ++g) {
-      if (g != f && common[f][g] > 0.0F) others.push_back(g);
+  std::vector<std::vector<uint32_t>> chosen(num_frames);
+  ParallelFor(num_frames, num_threads, [&](size_t f) {
+    WeightedList others;
+    for (uint32_t g = 0; g < num_frames; ++g) {
+      if (g != f && common[f][g] > 0.0F) others.push_back({g, common[f][g]});
     }
-    std::stable_sort(others.begin(), others.end(),
-                     [&](size_t g, size_t h) { return common[f][g] > common[f][h]; });
+    std::sort(others.begin(), others.end(), [](const Weighted& g, const Weighted& h) {
+      return g.weight != h.weight ? g.weight > h.weight : g.id < h.id;
+    });
     const size_t count = std::min(others.size(), static_cast<size_t>(max_partners));
-    for (size_t i = 0; i < count; ++i) {
-      const size_t g = others[i * others.size() / count];
-      chosen[std::min(f, g)][std::max(f, g)] = 1;
-    }
-  }
+    for (size_t i = 0; i < count; ++i) chosen[f].push_back(others[i * others.size() / count].id);
+  });
   std::vector<std::vector<uint32_t>> partners(num_frames);
-  for (size_t f = 0; f < num_frames; ++f) {
-    for (size_t g = f + 1; g < num_frames; ++g) {
-      if (chosen[f][g] != 0) partners[f].push_back(static_cast<uint32_t>(g));
-    }
+  for (uint32_t f = 0; f < num_frames; ++f) {
+    for (const uint32_t g : chosen[f]) partners[std::min(f, g)].push_back(std::max(f, g));
+  }
+  for (std::vector<uint32_t>& later : partners) {
+    std::sort(later.begin(), later.end());
+    later.erase(std::unique(later.begin(), later.end()), later.end());
   }
   return partners;
 }
 
 }  // namespace
 
-CommonViews::CommonViews(const MaskObservations& observations, const ConsensusOptions& options)
+CommonViews::CommonViews(const MaskObservations& observations, const ConsensusOptions& options,
+                         int num_threads)
     : num_rows_(observations.points.size()),
       sightings_(observations.frames.size()),
       first_segment_(observations.frames.size() + 1, 0),
@@ -80,7 +82,7 @@ CommonViews::CommonViews(const MaskObservations& observations, const ConsensusOp
       frames_of_row[row].push_back({o.frame, weight});
     }
   }
-  partners_ = ChoosePartners(frames_of_row, num_frames(), options.max_partners);
+  partners_ = ChoosePartners(frames_of_row, num_frames(), options.max_partners, num_threads);
 }
 
 VoteCounter::VoteCounter(const CommonViews& views)

@@ -7,7 +7,7 @@
 
 namespace s3lam {
 
-/// A weight that goes with a segment; lists of them are sorted by id.
+/// A weight that goes with a segment or a frame.
 struct Weighted {
   uint32_t id = 0;
   float weight = 0.0F;
@@ -18,7 +18,8 @@ using WeightedList = std::vector<Weighted>;
 /// and crowds left out.
 class CommonViews {
  public:
-  CommonViews(const MaskObservations& observations, const ConsensusOptions& options);
+  CommonViews(const MaskObservations& observations, const ConsensusOptions& options,
+              int num_threads);
 
   [[nodiscard]] uint32_t num_frames() const { return static_cast<uint32_t>(sightings_.size()); }
   [[nodiscard]] uint32_t num_segments() const { return first_segment_.back(); }
