@@ -2,9 +2,12 @@
 
 #include <libdeflate.h>
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <cstring>
 #include <string>
 #include <vector>
 
@@ -80,33 +83,78 @@ uint32_t Paeth(uint32_t left, uint32_t up, uint32_t up_left) {
   return result;
 }
 
+/// Pixels of a row that are looked at together.
+constexpr Eigen::Index kRun = 8;
+
+/// Are all bytes of a run of pixels zero?
+bool IsZeroRun(const uint8_t* bytes) {
+  std::array<uint64_t, 3> words;
+  static_assert(sizeof(words) == 3 * kRun);
+  std::memcpy(words.data(), bytes, sizeof(words));
+  return (words[0] | words[1] | words[2]) == 0;
+}
+
+/// Calls for_pixel(x, its three bytes) for the pixels of a row from the left, but for_zeros(x) for
+/// a whole run of pixels of zeros, as they are within segments; where that returns false, the run
+/// is handed over pixel by pixel.
+template <typename ForZeros, typename ForPixel>
+void ForEachPixel(const uint8_t* bytes, Eigen::Index width, const ForZeros& for_zeros,
+                  const ForPixel& for_pixel) {
+  for (Eigen::Index x = 0; x < width;) {
+    if (x + kRun <= width && IsZeroRun(bytes + 3 * x) && for_zeros(x)) {
+      x += kRun;
+      continue;
+    }
+    for (const Eigen::Index end = std::min(width, x + kRun); x < end; ++x) {
+      for_pixel(x, LoadPixel(bytes + 3 * x));
+    }
+  }
+}
+
 /// Undoes the filter of a row (PNG 9.2); `bytes` begin with its type. False for an unknown one.
 bool UnfilterRow(const uint8_t* bytes, const uint32_t* above, Eigen::Index width, uint32_t* row) {
-  const uint8_t* in = bytes + 1;
   uint32_t left = 0;
   uint32_t up_left = 0;
+  const auto fill_with_left = [&](Eigen::Index x) {
+    std::fill_n(row + x, kRun, left);
+    return true;
+  };
+  const auto copy_from_above = [&](Eigen::Index x) {
+    std::copy_n(above + x, kRun, row + x);
+    return true;
+  };
   switch (bytes[0]) {
-    case 0:
-      for (Eigen::Index x = 0; x < width; ++x, in += 3) row[x] = LoadPixel(in);
+    case 0:  // Nothing: `left` stays zero.
+      ForEachPixel(bytes + 1, width, fill_with_left,
+                   [&](Eigen::Index x, uint32_t pixel) { row[x] = pixel; });
       return true;
     case 1:
-      for (Eigen::Index x = 0; x < width; ++x, in += 3) {
-        row[x] = left = AddBytes(left, LoadPixel(in));
-      }
+      ForEachPixel(bytes + 1, width, fill_with_left,
+                   [&](Eigen::Index x, uint32_t pixel) { row[x] = left = AddBytes(left, pixel); });
       return true;
     case 2:
-      for (Eigen::Index x = 0; x < width; ++x, in += 3) row[x] = AddBytes(above[x], LoadPixel(in));
+      ForEachPixel(bytes + 1, width, copy_from_above,
+                   [&](Eigen::Index x, uint32_t pixel) { row[x] = AddBytes(above[x], pixel); });
       return true;
     case 3:
-      for (Eigen::Index x = 0; x < width; ++x, in += 3) {
-        row[x] = left = AddBytes(AverageBytes(left, above[x]), LoadPixel(in));
-      }
+      ForEachPixel(
+          bytes + 1, width, [](Eigen::Index /*x*/) { return false; },
+          [&](Eigen::Index x, uint32_t pixel) {
+            row[x] = left = AddBytes(AverageBytes(left, above[x]), pixel);
+          });
       return true;
     case 4:
-      for (Eigen::Index x = 0; x < width; ++x, in += 3) {
-        row[x] = left = AddBytes(Paeth(left, above[x], up_left), LoadPixel(in));
-        up_left = above[x];
-      }
+      ForEachPixel(
+          bytes + 1, width,
+          [&](Eigen::Index x) {  // Under a run of one colour, Paeth() is the pixel to the left.
+            const bool is_one_colour = std::all_of(above + x, above + x + kRun,
+                                                   [&](uint32_t up) { return up == up_left; });
+            return is_one_colour && fill_with_left(x);
+          },
+          [&](Eigen::Index x, uint32_t pixel) {
+            row[x] = left = AddBytes(Paeth(left, above[x], up_left), pixel);
+            up_left = above[x];
+          });
       return true;
     default:
       return false;

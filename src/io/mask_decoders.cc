@@ -1,5 +1,7 @@
 #include "mask_decoders.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/mat.hpp>
 #include <utility>
@@ -35,14 +37,27 @@ SegmentImage ReadColours(const fs::path& path) {
 template <typename SegmentOfColour>
 SegmentImage ReadColourSegments(const fs::path& path, const SegmentOfColour& segment_of_colour) {
   SegmentImage pixels = ReadColours(path);
+  constexpr std::ptrdiff_t kRun = 16;  // Pixels that are compared together.
   uint32_t last_colour = kNoSegment;
   uint32_t last_id = kNoSegment;
-  for (uint32_t* pixel = pixels.data(); pixel != pixels.data() + pixels.size(); ++pixel) {
-    if (*pixel != last_colour) {
-      last_colour = *pixel;
-      last_id = segment_of_colour(last_colour);
+  uint32_t* const end = pixels.data() + pixels.size();
+  for (uint32_t* pixel = pixels.data(); pixel != end;) {
+    if (end - pixel >= kRun) {
+      uint32_t difference = 0;
+      for (std::ptrdiff_t i = 0; i < kRun; ++i) difference |= pixel[i] ^ last_colour;
+      if (difference == 0) {
+        if (last_id != last_colour) std::fill_n(pixel, kRun, last_id);
+        pixel += kRun;
+        continue;
+      }
     }
-    *pixel = last_id;
+    for (uint32_t* const stop = pixel + std::min(kRun, end - pixel); pixel != stop; ++pixel) {
+      if (*pixel != last_colour) {
+        last_colour = *pixel;
+        last_id = segment_of_colour(last_colour);
+      }
+      *pixel = last_id;
+    }
   }
   return pixels;
 }
