@@ -18,8 +18,8 @@ namespace {
 
 using testing::TempDir;
 
-constexpr int kWidth = 37;
-constexpr int kHeight = 50;
+constexpr int kWidth = 83;
+constexpr int kHeight = 100;
 
 /// Every label is a class of stuff.
 ClassTable Table() {
@@ -37,15 +37,20 @@ ClassTable Table() {
   return table;
 }
 
-/// Colours in runs, some in every row that are noise.
+/// Colours, black among them, in runs that are short in every third row and long in the others;
+/// most runs repeat the row above.
 SegmentImage MakePixels() {
   Rng rng(3);
   SegmentImage pixels(kHeight, kWidth);
-  uint32_t colour = 0;
   for (int y = 0; y < kHeight; ++y) {
+    const uint64_t mean_run = y % 3 == 0 ? 2 : 20;
+    bool repeat_above = false;
+    uint32_t colour = 0;
     for (int x = 0; x < kWidth; ++x) {
-      const bool repeat_above = y > 0 && rng.Below(3) > 0;
-      if (rng.Below(4) == 0) colour = static_cast<uint32_t>(rng.Below(1U << 24));
+      if (x == 0 || rng.Below(mean_run) == 0) {
+        repeat_above = y > 0 && rng.Below(3) > 0;
+        colour = rng.Below(5) == 0 ? 0 : static_cast<uint32_t>(rng.Below(1U << 24));
+      }
       pixels(y, x) = repeat_above ? pixels(y - 1, x) : colour;
     }
   }
