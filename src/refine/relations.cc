@@ -28,7 +28,25 @@ struct Evidence {
   double sigma_normal = 0.0;  // [rad]
   double sigma_offset = 0.0;  // At the centroid [map units].
   double sigma_point = 0.0;   // Median over the members [map units].
+  double radius = 0.0;        // Most members are so near to the centroid [map units].
+  double view_range = 0.0;    // Half of the members were seen from so far or farther [map units].
 };
+
+/// Part of a plane's members that its radius takes in.
+constexpr double kShareInRadius = 0.9;
+
+/// From how far each point was seen at the most [map units].
+std::vector<double> ViewRanges(const BundleProblem& problem) {
+  std::vector<Eigen::Vector3d> centers;
+  for (const PoseBlock& pose : problem.poses) {
+    centers.push_back(FromPoseBlock(pose.data()).CenterInB());
+  }
+  std::vector<double> ranges(problem.points.size(), 0.0);
+  for (const BundleObservation& o : problem.observations) {
+    ranges[o.point] = std::max(ranges[o.point], (problem.points[o.point] - centers[o.pose]).norm());
+  }
+  return ranges;
+}
 
 class Proposer {
  public:
@@ -39,7 +57,8 @@ class Proposer {
         sigma_px_(sigma_px),
         classes_(classes),
         model_(model),
-        problem_(problem) {}
+        problem_(problem),
+        view_range_of_point_(ViewRanges(problem)) {}
 
   std::vector<RelationTerm> Run() {
     for (size_t k = 0; k < model_.planes.size(); ++k) evidence_.push_back(EvidenceOf(k));
@@ -77,10 +96,16 @@ class Proposer {
     evidence.sigma_normal = std::sqrt(std::max(0.0, tilt.eigenvalues()[1]));
     evidence.sigma_offset = std::sqrt(std::max(0.0, fit->covariance(2, 2)));
     std::vector<double> sigmas;
+    std::vector<double> distances;
+    std::vector<double> ranges;
     for (const int i : state.members) {
       sigmas.push_back(PlaneSigma(sigma_, model_, sigma_px_, state, i));
+      distances.push_back((problem_.points[i] - evidence.centroid).norm());
+      ranges.push_back(view_range_of_point_[i]);
     }
     evidence.sigma_point = Median(std::move(sigmas));
+    evidence.radius = UpperQuantile(std::move(distances), kShareInRadius);
+    evidence.view_range = Median(std::move(ranges));
     evidence.usable = evidence.sigma_normal <= options_.max_normal_sigma_deg * kRadians;
     return evidence;
   }
@@ -89,6 +114,7 @@ class Proposer {
     if (IsRefused(a, b) || HasKnownDistance(static_cast<int>(a), static_cast<int>(b))) return;
     const Evidence& ea = evidence_[a];
     const Evidence& eb = evidence_[b];
+    if (!AreInOnePlace(ea, eb)) return;
     const double angle = PlaneAngle(ea.plane, eb.plane);
     const double sigma = std::hypot(ea.sigma_normal, eb.sigma_normal);
     const double gate = kGateSigmas * std::hypot(sigma, options_.sigma_deg * kRadians);
@@ -110,6 +136,12 @@ class Proposer {
       return;
     }
     terms_.push_back(term);
+  }
+
+  /// Would a camera between two planes see both of them from as far as each was seen? What was
+  /// built together is parallel for a reason, distant planes are by chance.
+  static bool AreInOnePlace(const Evidence& a, const Evidence& b) {
+    return (a.centroid - b.centroid).norm() - a.radius - b.radius <= a.view_range + b.view_range;
   }
 
   /// Fills place and sigma of the offset, too.
@@ -151,6 +183,7 @@ class Proposer {
   const ClassTable& classes_;
   const PlaneModel& model_;
   const BundleProblem& problem_;
+  std::vector<double> view_range_of_point_;
   std::vector<Evidence> evidence_;
   std::vector<RelationTerm> terms_;
 };

@@ -71,9 +71,9 @@ void MapAgain(const Options& options, const MapBuilderFactory& make_builder,
     tracking.start = start;
     again.maps = BuildMaps(
         options, make_builder, state, [] {}, tracking);
+    AdjustMaps(options, again.maps);
     again.num_merged = MergeSubmaps(options.submaps, options.loops, vocabulary, state.undistorter,
                                     options.global_rounds, options.num_threads, again.maps);
-    AdjustMaps(options, again.maps);
     return again;
   };
   state.report.remapping =
@@ -83,7 +83,7 @@ void MapAgain(const Options& options, const MapBuilderFactory& make_builder,
   state.report.num_merged_maps = mapped.num_merged;
 }
 
-/// Maps of the whole sequence, merged where they meet, and adjusted.
+/// Maps of the whole sequence, adjusted, and merged where they meet.
 void MapSequence(const Options& options, const MapBuilderFactory& make_builder,
                  const Vocabulary& vocabulary, Steps& steps, RunState& state) {
   StepTimes& seconds = state.report.seconds;
@@ -100,14 +100,14 @@ void MapSequence(const Options& options, const MapBuilderFactory& make_builder,
     state.tracking = {};
   });
   steps.Do([&] {
+    const ScopedStep step(seconds, "global bundle adjustment");
+    AdjustMaps(options, state.maps);
+  });
+  steps.Do([&] {
     const ScopedStep step(seconds, "merging maps");
     state.report.num_merged_maps =
         MergeSubmaps(options.submaps, options.loops, vocabulary, state.undistorter,
                      options.global_rounds, options.num_threads, state.maps);
-  });
-  steps.Do([&] {
-    const ScopedStep step(seconds, "global bundle adjustment");
-    AdjustMaps(options, state.maps);
   });
   steps.Do([&] {
     const ScopedStep step(seconds, "mapping again where refuted");

@@ -188,11 +188,6 @@ Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& ini
 int MergeSubmaps(const SubmapOptions& options, const LoopClosingOptions& loops,
                  const Vocabulary& vocabulary, const Undistorter& undistorter, int global_rounds,
                  int num_threads, Submaps& maps) {
-  if (maps.size() > 1) {  // So that what merging costs is not what each map loses by itself.
-    for (const auto& builder : maps) {
-      builder->mapper().AdjustGlobally(builder->map(), global_rounds, num_threads);
-    }
-  }
   int num_merged = 0;
   for (size_t i = 0; i < maps.size(); ++i) {
     for (size_t j = i + 1; j < maps.size();) {

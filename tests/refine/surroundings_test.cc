@@ -184,6 +184,85 @@ TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
   }
 }
 
+/// The map and, in the same world, the same once more, so far to the side.
+Input MakeTwoPlaces(const SyntheticMap& map, const Eigen::Vector3d& shift) {
+  Input input = MakeInput(map);
+  Reconstruction& model = input.model;
+  SemanticMap& semantics = input.semantics;
+  const auto point_ids = static_cast<uint64_t>(map.estimate.points.rbegin()->first.value() + 1);
+  const auto image_ids = map.estimate.images.rbegin()->first.value() + 1;
+  const auto cluster_ids = map.semantics.clusters.rbegin()->first.value() + 1;
+  const auto plane_ids = map.semantics.planes.rbegin()->first.value() + 1;
+  const auto other_point = [&](PointId id) { return PointId(id.value() + point_ids); };
+  for (auto [id, image] : map.estimate.images) {
+    image.id = ImageId(id.value() + image_ids);
+    image.name = "other/" + image.name;
+    image.cam_from_world.translation -= image.cam_from_world.rotation * shift;
+    for (Point2D& keypoint : image.points2D) {
+      if (keypoint.point_id.valid()) keypoint.point_id = other_point(keypoint.point_id);
+    }
+    model.images.emplace(image.id, image);
+  }
+  for (auto [id, point] : map.estimate.points) {
+    point.xyz += shift;
+    for (TrackElement& element : point.track) {
+      element.image_id = ImageId(element.image_id.value() + image_ids);
+    }
+    model.points.emplace(other_point(id), point);
+  }
+  for (auto [id, cluster] : map.semantics.clusters) {
+    cluster.id = ClusterId(id.value() + cluster_ids);
+    cluster.centroid_in_world += shift;
+    for (PointId& point : cluster.points) point = other_point(point);
+    semantics.clusters.emplace(cluster.id, cluster);
+  }
+  for (auto [id, plane] : map.semantics.planes) {
+    plane.id = PlaneId(id.value() + plane_ids);
+    plane.cluster_id = ClusterId(plane.cluster_id.value() + cluster_ids);
+    plane.plane_in_world.offset -= plane.plane_in_world.normal.dot(shift);
+    plane.centroid_in_world += shift;
+    for (PointId& point : plane.inliers) point = other_point(point);
+    semantics.planes.emplace(plane.id, plane);
+  }
+  const SemanticMap& one = map.semantics;
+  for (size_t row = 0; row < one.points.size(); ++row) {
+    semantics.points.push_back(other_point(one.points[row]));
+    semantics.num_mask_observations.push_back(one.num_mask_observations[row]);
+    const ClusterId cluster = one.cluster_of_point[row];
+    semantics.cluster_of_point.push_back(cluster.valid() ? ClusterId(cluster.value() + cluster_ids)
+                                                         : cluster);
+  }
+  semantics.distributions.conservativeResize(2 * one.distributions.rows(), Eigen::NoChange);
+  semantics.distributions.bottomRows(one.distributions.rows()) = one.distributions;
+  semantics.model_fingerprint = FingerprintOfModel(model);
+  return input;
+}
+
+TEST(RefineRelations, PlanesOfDifferentPlacesHaveNone) {
+  const SyntheticMap map = MakeDeskMap();
+  const PlaneId last_of_first = map.semantics.planes.rbegin()->first;
+  const auto count = [&](double shift) {
+    std::pair<int, int> within_and_between;
+    Output output;
+    Input input = MakeTwoPlaces(map, {shift, 0.0, 0.0});
+    for (const auto& [id, image] : input.model.images) {  // Nothing else ties the two places.
+      input.constraints.constant_images.insert(id);
+    }
+    for (const PlanePairReport& pair : refine::Run(Options(), input, output).pairs) {
+      if (!pair.enforced) continue;
+      const bool is_within = (pair.a > last_of_first) == (pair.b > last_of_first);
+      ++(is_within ? within_and_between.first : within_and_between.second);
+    }
+    return within_and_between;
+  };
+  const auto [within_near, between_near] = count(1.0);
+  EXPECT_GT(within_near, 0);
+  EXPECT_GT(between_near, 0);
+  const auto [within_far, between_far] = count(100.0);
+  EXPECT_GT(within_far, 0);
+  EXPECT_EQ(between_far, 0);
+}
+
 /// The two largest parallel planes of the map whose distance is not small.
 std::pair<PlaneId, PlaneId> ParallelPair(const SyntheticMap& map) {
   std::pair<PlaneId, PlaneId> best;

@@ -42,9 +42,9 @@ void AddKnownDistances(const RelationOptions& options, const std::vector<PlaneDi
 ///   coplanar    parallel, of one class, and without a step between them beyond max_offset_sigma of
 ///               their own uncertainty.
 /// A normal less certain than max_normal_sigma_deg says nothing, and nothing is proposed for planes
-/// whose distance is known. Every plane gets at most
-/// max_partners relations of a kind, with the planes that have the most points. Terms are ordered
-/// by planes and robust in the solve.
+/// whose distance is known or that are farther from each other than the views of both reach. Every
+/// plane gets at most max_partners relations of a kind, with the planes that have the most points.
+/// Terms are ordered by planes and robust in the solve.
 std::vector<RelationTerm> ProposeRelations(const RelationOptions& options,
                                            const PlaneSigmaOptions& sigma, double sigma_px,
                                            const ClassTable& classes, const PlaneModel& model,
