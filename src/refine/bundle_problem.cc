@@ -14,4 +14,14 @@ AnchoredPlane AnchoredPlane::FromPlane(const Plane& plane_in_world, const Eigen:
   return plane;
 }
 
+std::vector<uint8_t> BundleProblem::UsedPoses() const {
+  std::vector<uint8_t> used(poses.size(), 0);
+  for (const BundleObservation& o : observations) used[o.pose] = 1;
+  return used;
+}
+
+Eigen::Vector3d BundleProblem::CenterOf(int pose) const {
+  return FromPoseBlock(poses[pose].data()).CenterInB();
+}
+
 }  // namespace s3lam

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <deque>
-#include <set>
 #include <stdexcept>
 
 #include "s3lam/base/error.h"
@@ -142,10 +141,11 @@ class CeresBundle {
         problem_.AddResidualBlock(&reprojections_.back(), &reprojection_loss_, Pose(o.pose),
                                   PointBlock(o.point), camera.params.data());
       }
-      used_poses_.insert(o.pose);
       problem_.SetParameterBlockConstant(camera.params.data());
     }
-    for (const int i : used_poses_) {
+    used_poses_ = bundle_.UsedPoses();
+    for (int i = 0; i < static_cast<int>(used_poses_.size()); ++i) {
+      if (used_poses_[i] == 0) continue;
       problem_.SetManifold(Pose(i), &pose_manifold_);
       if (bundle_.pose_is_constant[i] != 0) problem_.SetParameterBlockConstant(Pose(i));
     }
@@ -206,7 +206,7 @@ class CeresBundle {
 
   /// Relations between planes, heights of cameras, pose priors.
   void AddStructure() {
-    structure_ = MakeStructureTerms(bundle_, UsedPoses());
+    structure_ = MakeStructureTerms(bundle_, used_poses_);
     for (const StructureTerm& term : structure_) {
       std::vector<double*> blocks;
       for (const StructureBlock& block : term.blocks) blocks.push_back(Block(block));
@@ -217,12 +217,6 @@ class CeresBundle {
   ceres::LossFunction* LossOf(const StructureTerm& term) {
     if (term.loss == StructureTerm::Loss::kNone) return nullptr;
     return term.loss == StructureTerm::Loss::kPlane ? &plane_loss_ : &reprojection_loss_;
-  }
-
-  [[nodiscard]] std::vector<uint8_t> UsedPoses() const {
-    std::vector<uint8_t> used(bundle_.poses.size(), 0);
-    for (const int i : used_poses_) used[i] = 1;
-    return used;
   }
 
   double* Block(const StructureBlock& block) {
@@ -275,11 +269,11 @@ class CeresBundle {
 
   void HoldGauge() {
     const Gauge& gauge = bundle_.gauge;
-    if (gauge.fixed_pose < 0 || !used_poses_.contains(gauge.fixed_pose)) return;
+    if (gauge.fixed_pose < 0 || used_poses_[gauge.fixed_pose] == 0) return;
     problem_.SetParameterBlockConstant(Pose(gauge.fixed_pose));
-    if (gauge.scale_pose < 0 || !used_poses_.contains(gauge.scale_pose)) return;
-    scale_manifold_ = std::make_unique<HeldDistancePoseManifold>(
-        FromPoseBlock(Pose(gauge.fixed_pose)).CenterInB());
+    if (gauge.scale_pose < 0 || used_poses_[gauge.scale_pose] == 0) return;
+    scale_manifold_ =
+        std::make_unique<HeldDistancePoseManifold>(bundle_.CenterOf(gauge.fixed_pose));
     problem_.SetManifold(Pose(gauge.scale_pose), scale_manifold_.get());
   }
 
@@ -294,7 +288,7 @@ class CeresBundle {
       case LinearSolver::kAuto:
         break;
     }
-    const int rows = 6 * static_cast<int>(used_poses_.size());
+    const auto rows = 6 * std::count(used_poses_.begin(), used_poses_.end(), 1);
     if (rows <= kMaxDenseRows) return ceres::DENSE_SCHUR;
     return rows <= kMaxSparseRows ? ceres::SPARSE_SCHUR : ceres::ITERATIVE_SCHUR;
   }
@@ -359,7 +353,7 @@ class CeresBundle {
   std::deque<PointFixedPlaneCost> fixed_planes_;
   std::deque<PointPlaneCost> point_planes_;
   std::vector<StructureTerm> structure_;
-  std::set<int> used_poses_;
+  std::vector<uint8_t> used_poses_;
   ceres::Problem problem_;  // Last: it refers to all of the above.
 };
 

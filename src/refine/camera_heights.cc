@@ -42,7 +42,7 @@ std::vector<MeasuredHeight> MeasureEach(const CameraHeightOptions& options,
       fit = FitMembers(sigma, sigma_px, model.planes[term.plane], model, problem);
     }
     if (!fit) continue;
-    const Eigen::Vector3d center = FromPoseBlock(problem.poses[term.pose].data()).CenterInB();
+    const Eigen::Vector3d center = problem.CenterOf(term.pose);
     heights.push_back(
         {term.plane, std::abs(fit->plane.SignedDistance(center)) / problem.height,
          std::hypot(options.sigma_relative, HeightSigma(*fit, center) / problem.height)});
@@ -123,8 +123,8 @@ double RelativeSpread(const std::vector<double>& values) {
 double HeightSpread(const BundleProblem& problem) {
   std::vector<double> heights;
   for (const HeightTerm& term : problem.heights) {
-    heights.push_back(problem.planes[term.plane].PlaneInWorld().SignedDistance(
-        FromPoseBlock(problem.poses[term.pose].data()).CenterInB()));
+    heights.push_back(
+        problem.planes[term.plane].PlaneInWorld().SignedDistance(problem.CenterOf(term.pose)));
   }
   return RelativeSpread(heights);
 }

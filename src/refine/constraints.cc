@@ -13,23 +13,6 @@ namespace {
 /// Places within this part of their extent from a line leave the rotation about it open.
 constexpr double kLeastWidth = 1e-3;
 
-Eigen::Vector3d CenterOf(const BundleProblem& problem, int pose) {
-  return FromPoseBlock(problem.poses[pose].data()).CenterInB();
-}
-
-/// The pose in use that is farthest from the centre of another, and its distance.
-std::pair<int, double> FarthestPose(const BundleProblem& problem, const std::vector<uint8_t>& used,
-                                    int from) {
-  const Eigen::Vector3d center = CenterOf(problem, from);
-  std::pair<int, double> farthest{-1, 0.0};
-  for (size_t i = 0; i < problem.poses.size(); ++i) {
-    if (used[i] == 0 || static_cast<int>(i) == from) continue;
-    const double distance = (CenterOf(problem, static_cast<int>(i)) - center).norm();
-    if (distance > farthest.second) farthest = {static_cast<int>(i), distance};
-  }
-  return farthest;
-}
-
 bool DifferentPlaces(const std::vector<Eigen::Vector3d>& places) {
   return std::any_of(places.begin(), places.end(), [&](const Eigen::Vector3d& place) {
     return (place - places.front()).norm() > 0.0;
@@ -57,7 +40,7 @@ bool HoldEverything(const BundleProblem& problem, const std::vector<uint8_t>& us
   size_t full_poses = 0;
   for (size_t i = 0; i < problem.poses.size(); ++i) {
     if (used_poses[i] == 0 || problem.pose_is_constant[i] == 0) continue;
-    places.push_back(CenterOf(problem, static_cast<int>(i)));
+    places.push_back(problem.CenterOf(static_cast<int>(i)));
     ++full_poses;
   }
   for (const PosePriorTerm& prior : problem.pose_priors) {
@@ -151,8 +134,7 @@ void ApplyConstraints(const Constraints& constraints, BundleMap& map) {
 }
 
 Gauge ChooseGaugeWithConstraints(const BundleProblem& problem) {
-  std::vector<uint8_t> used(problem.poses.size(), 0);
-  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
+  const std::vector<uint8_t> used = problem.UsedPoses();
   if (HoldEverything(problem, used)) return {};
   if (!problem.pose_priors.empty()) {
     ThrowInputError(
@@ -160,9 +142,9 @@ Gauge ChooseGaugeWithConstraints(const BundleProblem& problem) {
         "need one pose and another position, or three positions that are not on a line");
   }
   for (size_t i = 0; i < problem.poses.size(); ++i) {
-    if (used[i] == 0 || problem.pose_is_constant[i] == 0) continue;
-    const int fixed = static_cast<int>(i);
-    return {fixed, FarthestPose(problem, used, fixed).first};
+    if (used[i] != 0 && problem.pose_is_constant[i] != 0) {
+      return ChooseGauge(problem, static_cast<int>(i));
+    }
   }
   return ChooseGauge(problem);
 }

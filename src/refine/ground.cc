@@ -36,12 +36,11 @@ struct CameraPath {
 };
 
 CameraPath PathOf(const BundleProblem& problem) {
-  std::vector<uint8_t> used(problem.poses.size(), 0);
-  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
+  const std::vector<uint8_t> used = problem.UsedPoses();
   CameraPath path;
   for (size_t i = 0; i < problem.poses.size(); ++i) {
     if (used[i] == 0) continue;
-    const Eigen::Vector3d center = FromPoseBlock(problem.poses[i].data()).CenterInB();
+    const Eigen::Vector3d center = problem.CenterOf(static_cast<int>(i));
     path.at.push_back(path.at.empty() ? 0.0
                                       : path.at.back() + (center - path.centers.back()).norm());
     path.poses.push_back(static_cast<int>(i));

@@ -157,8 +157,7 @@ void AddCovariance(const Options& options, const BundleMap& map, const PlaneMode
 
 double HeldDistance(const BundleProblem& problem) {
   if (problem.gauge.scale_pose < 0) return 1.0;
-  return (FromPoseBlock(problem.poses[problem.gauge.scale_pose].data()).CenterInB() -
-          FromPoseBlock(problem.poses[problem.gauge.fixed_pose].data()).CenterInB())
+  return (problem.CenterOf(problem.gauge.scale_pose) - problem.CenterOf(problem.gauge.fixed_pose))
       .norm();
 }
 

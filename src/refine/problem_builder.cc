@@ -157,22 +157,17 @@ ObservationCounts SelectObservations(const OutlierOptions& options, double sigma
   return counts;
 }
 
-Gauge ChooseGauge(const BundleProblem& problem) {
-  std::vector<uint8_t> used(problem.poses.size(), 0);
-  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
-  Gauge gauge;
-  Eigen::Vector3d first_center = Eigen::Vector3d::Zero();
+Gauge ChooseGauge(const BundleProblem& problem, int fixed_pose) {
+  const std::vector<uint8_t> used = problem.UsedPoses();
+  Gauge gauge{fixed_pose, -1};
   double largest = 0.0;
-  for (size_t i = 0; i < problem.poses.size(); ++i) {
+  for (int i = 0; i < static_cast<int>(used.size()); ++i) {
     if (used[i] == 0) continue;
-    const Eigen::Vector3d center = FromPoseBlock(problem.poses[i].data()).CenterInB();
-    if (gauge.fixed_pose < 0) {
-      gauge.fixed_pose = static_cast<int>(i);
-      first_center = center;
-    } else if ((center - first_center).norm() > largest) {
-      gauge.scale_pose = static_cast<int>(i);
-      largest = (center - first_center).norm();
-    }
+    if (gauge.fixed_pose < 0) gauge.fixed_pose = i;
+    const double distance = (problem.CenterOf(i) - problem.CenterOf(gauge.fixed_pose)).norm();
+    if (distance <= largest) continue;
+    gauge.scale_pose = i;
+    largest = distance;
   }
   return gauge;
 }

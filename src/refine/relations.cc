@@ -38,8 +38,8 @@ constexpr double kShareInRadius = 0.9;
 /// From how far each point was seen at the most [map units].
 std::vector<double> ViewRanges(const BundleProblem& problem) {
   std::vector<Eigen::Vector3d> centers;
-  for (const PoseBlock& pose : problem.poses) {
-    centers.push_back(FromPoseBlock(pose.data()).CenterInB());
+  for (int i = 0; i < static_cast<int>(problem.poses.size()); ++i) {
+    centers.push_back(problem.CenterOf(i));
   }
   std::vector<double> ranges(problem.points.size(), 0.0);
   for (const BundleObservation& o : problem.observations) {

@@ -75,12 +75,9 @@ ArmReport CompareWithInput(const ArmState& input, const ArmState& state,
   ArmReport arm;
   arm.name = state.name;
   arm.reprojection_rms_px = ReprojectionRms(problem, state);
-  std::vector<uint8_t> pose_used(state.poses.size(), 0);
+  const std::vector<uint8_t> pose_used = problem.UsedPoses();
   std::vector<uint8_t> point_used(state.points.size(), 0);
-  for (const BundleObservation& o : problem.observations) {
-    pose_used[o.pose] = 1;
-    point_used[o.point] = 1;
-  }
+  for (const BundleObservation& o : problem.observations) point_used[o.point] = 1;
   std::vector<double> moved;
   for (size_t i = 0; i < state.poses.size(); ++i) {
     if (pose_used[i] == 0) continue;

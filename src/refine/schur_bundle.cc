@@ -120,12 +120,6 @@ class ReducedSystem {
   bool is_dense_ = false;
 };
 
-std::vector<uint8_t> UsedPoses(const BundleProblem& problem) {
-  std::vector<uint8_t> used(problem.poses.size(), 0);
-  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
-  return used;
-}
-
 BundleState StateOf(const BundleProblem& problem) {
   BundleState state{problem.poses, problem.points, {}, problem.height};
   for (const AnchoredPlane& plane : problem.planes) state.planes.push_back(plane.parameters);
@@ -137,7 +131,7 @@ class SchurBundle {
   SchurBundle(const BundleSolverOptions& options, BundleProblem& problem)
       : options_(options),
         problem_(problem),
-        terms_(MakeStructureTerms(problem, UsedPoses(problem))),
+        terms_(MakeStructureTerms(problem, problem.UsedPoses())),
         layout_(MakeSchurLayout(problem, terms_)),
         equations_(options, problem, terms_, layout_),
         reduced_(options, problem, terms_, layout_),

@@ -30,10 +30,9 @@ std::vector<size_t> RangesOfPoints(const Items& items, size_t num_points) {
 
 void FindVariables(const BundleProblem& problem, const std::vector<StructureTerm>& terms,
                    SchurLayout& layout) {
-  std::vector<uint8_t> pose_used(problem.poses.size(), 0);
+  const std::vector<uint8_t> pose_used = problem.UsedPoses();
   std::vector<uint8_t> plane_used(problem.planes.size(), 0);
   bool height_used = false;
-  for (const BundleObservation& o : problem.observations) pose_used[o.pose] = 1;
   for (const PointOnPlane& term : problem.points_on_planes) {
     if (layout.IsUsed(static_cast<size_t>(term.point))) plane_used[term.plane] = 1;
   }

@@ -101,6 +101,11 @@ struct BundleProblem {
   std::vector<HeightTerm> heights;
   double height = 1.0;  // The common height [map units]; a variable if there are height terms.
   Gauge gauge;
+
+  /// For every pose: has it observations?
+  [[nodiscard]] std::vector<uint8_t> UsedPoses() const;
+  /// The centre of a pose's camera, in the world.
+  [[nodiscard]] Eigen::Vector3d CenterOf(int pose) const;
 };
 
 }  // namespace s3lam

@@ -66,8 +66,9 @@ struct ObservationCounts {
 ObservationCounts SelectObservations(const OutlierOptions& options, double sigma_px,
                                      bool keep_large_errors, BundleMap& map);
 
-/// First image in use as the fixed one, and the one farthest from it to hold the scale.
-Gauge ChooseGauge(const BundleProblem& problem);
+/// The pose that is given, else the first one in use, as the fixed one, and the one in use that is
+/// farthest from it to hold the scale.
+Gauge ChooseGauge(const BundleProblem& problem, int fixed_pose = -1);
 
 /// Standard deviation of a keypoint of relative sigma one [px], from the median reprojection error
 /// of all observations, those not in use among them, since a choice by their error would make it
