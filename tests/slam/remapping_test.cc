@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <numeric>
 
 #include "slam/slam_fixture.h"
 
@@ -106,6 +107,23 @@ TEST_F(RemappingTest, FramesInNoMapAreInDoubt) {
   const std::vector<double> doubts = DoubtsOfFrames(100, mapped.maps, undistorter_, 1, kFrames);
   EXPECT_EQ(doubts[3], 1.0);
   EXPECT_LT(doubts[4], 0.5);
+}
+
+TEST_F(RemappingTest, FramesBeyondRefutedOnesAreInDoubtUnlessOthersSeePointsOnBothSides) {
+  const MappedSequence mapped = Mapped(16);
+  const std::vector<double> doubts = DoubtsOfFrames(100, mapped.maps, undistorter_, 1, kFrames);
+  const double refuted = std::accumulate(doubts.begin(), doubts.end(), 0.0) / kFrames;
+  ASSERT_LT(doubts[4], 0.5);
+  ASSERT_LT(doubts[40], 0.5);
+  EXPECT_GT(PartInDoubt(mapped.maps, doubts), refuted + 0.1);
+  Map& map = mapped.maps.front()->map();
+  constexpr int kEnough = 20;
+  for (int p = 0; p < kEnough; ++p) {
+    EXPECT_GT(PartInDoubt(mapped.maps, doubts), refuted + 0.1) << p << " points";
+    map.AddPoint({0.0, 0.0, 4.0}, 4);
+    for (const int k : {4, 40}) ASSERT_TRUE(map.AddObservation(p, {k, p}));
+  }
+  EXPECT_NEAR(PartInDoubt(mapped.maps, doubts), refuted, 1e-9);
 }
 
 }  // namespace

@@ -26,7 +26,7 @@ struct MappedSequence {
 
 struct RemappingReport {
   int attempts = 0;           // Times the sequence was mapped again.
-  double doubt_before = 0.0;  // Part of the frames in doubt, of the maps as they were
+  double doubt_before = 0.0;  // PartInDoubt of the maps as they were
   double doubt = 0.0;         // and of those that stayed.
 };
 
@@ -41,10 +41,14 @@ std::vector<double> DoubtsOfFrames(int min_matches, const Submaps& maps,
                                    const Undistorter& undistorter, int num_threads,
                                    size_t num_frames);
 
-/// Where the maps leave too many frames in doubt, maps the sequence again, from the longest
-/// stretches of frames without doubt: a bad start, a turn on the spot or a large object passing by
-/// bend a map for good, but not every one that was begun elsewhere. Those that leave clearly
-/// less doubt stay.
+/// Part of the frames that are in doubt, or cut off: beyond keyframes that are refuted, and without
+/// points in common with what most frames of their map hold together, place and scale are a guess.
+double PartInDoubt(const Submaps& maps, const std::vector<double>& doubts);
+
+/// Where the maps leave too many frames in doubt or cut off, maps the sequence again, from the
+/// longest stretches of frames without doubt: a bad start, a turn on the spot or a large object
+/// passing by bend a map for good, but not every one that was begun elsewhere. Those that leave
+/// clearly less in doubt stay.
 RemappingReport MapAgainWhereRefuted(const RemappingOptions& options,
                                      const Undistorter& undistorter, int num_threads,
                                      size_t num_frames, const MapFrom& map_from,
