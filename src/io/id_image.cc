@@ -2,7 +2,6 @@
 
 #include <cstring>
 #include <limits>
-#include <map>
 #include <string>
 #include <string_view>
 
@@ -58,24 +57,6 @@ IdMatrix FromGray(const cv::Mat& image) {
   return ids;
 }
 
-/// The decoder looks palettes up; this undoes it.
-void ColoursToIndices(std::string_view palette, const std::string& source, IdMatrix& colours) {
-  std::map<int32_t, int32_t> index_of;
-  for (size_t i = 0; i + 2 < palette.size(); i += 3) {
-    const auto byte = [&](size_t k) { return static_cast<uint8_t>(palette[i + k]); };
-    const int32_t colour = byte(0) | byte(1) << 8 | byte(2) << 16;
-    const auto [it, is_new] = index_of.emplace(colour, static_cast<int32_t>(i / 3));
-    if (!is_new) it->second = -1;
-  }
-  for (int32_t& value : colours.reshaped<Eigen::RowMajor>()) {
-    const auto it = index_of.find(value);
-    if (it == index_of.end() || it->second < 0) {
-      ThrowInputError("{}: the palette has one colour for several indices; save as gray", source);
-    }
-    value = it->second;
-  }
-}
-
 }  // namespace
 
 SegmentImage IdsFromColours(const cv::Mat& bgr) {
@@ -93,25 +74,34 @@ SegmentImage IdsFromColours(const cv::Mat& bgr) {
 IdImage ReadIdImage(const std::filesystem::path& path) {
   const std::string source = path.string();
   if (path.extension() == ".npy") return FromNpy(source);
-  const std::string bytes = ReadFile(path);
+  std::string bytes = ReadFile(path);
+  CheckPngIsComplete(bytes, source);
+  const auto [bits, colour_type] = KindOfPng(bytes);
+  if (colour_type == kPngPalette) bytes = PaletteToGray(bytes);
   const cv::Mat image = DecodePngMask(bytes, source);
+  if (bits > 0 && bits < 8) {
+    if (colour_type != kPngPalette) {
+      ThrowInputError(
+          "{}: gray of {} bits, which is ids for some programs and shades for others: "
+          "save 8 bits",
+          source, bits);
+    }
+    // The decoder stretches small numbers to shades of gray.
+    return {FromGray<uint8_t>(image) / (255 / ((1 << bits) - 1)), 255};
+  }
   if (image.channels() == 1 && image.depth() == CV_8U) return {FromGray<uint8_t>(image), 255};
   if (image.channels() == 1 && image.depth() == CV_16U) return {FromGray<uint16_t>(image), 65535};
   if (image.channels() < 3 || image.depth() != CV_8U) {
     ThrowInputError("{}: {} channels of {} bits are no ids", source, image.channels(),
                     8 * image.elemSize1());
   }
-  IdImage result{IdsFromColours(image).cast<int32_t>(), (1 << 24) - 1};
-  if (const std::string_view palette = PngPalette(bytes); !palette.empty()) {
-    ColoursToIndices(palette, source, result.ids);
-    result.minus_one = 255;
-  }
-  return result;
+  return {IdsFromColours(image).cast<int32_t>(), (1 << 24) - 1};
 }
 
 bool HasColourPixels(const std::filesystem::path& path) {
   const std::string bytes = ReadFile(path);
-  return DecodePngMask(bytes, path.string()).channels() >= 3 && PngPalette(bytes).empty();
+  return DecodePngMask(bytes, path.string()).channels() >= 3 &&
+         KindOfPng(bytes).colour_type != kPngPalette;
 }
 
 }  // namespace s3lam

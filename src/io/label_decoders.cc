@@ -130,6 +130,10 @@ PanopticFrame DecodeProbabilities(const fs::path& path, const ClassResolver& cla
     ThrowInputError("{}: {} dimensions where channels x rows x columns are due", source,
                     array.shape.size());
   }
+  if (array.shape[0] == 0 || array.shape[1] == 0 || array.shape[2] == 0) {
+    ThrowInputError("{}: {} channels of {} rows and {} columns: no pixels", source, array.shape[0],
+                    array.shape[1], array.shape[2]);
+  }
   ProbabilityVolume volume;
   volume.type = TypeOf(array, source);
   volume.channels = static_cast<int>(array.shape[0]);

@@ -1,5 +1,7 @@
 #include "png_mask.h"
 
+#include <libdeflate.h>
+
 #include <cstdint>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
@@ -9,6 +11,13 @@
 #include "s3lam/io/file.h"
 
 namespace s3lam {
+namespace {
+
+constexpr size_t kHeaderSize = 13;
+constexpr size_t kColourType = 9;  // Place in the header.
+
+}  // namespace
+
 std::optional<std::string_view> FindPngChunk(std::string_view bytes, std::string_view type) {
   std::optional<std::string_view> found;
   ForEachPngChunk(bytes, [&](std::string_view candidate, std::string_view data) {
@@ -27,12 +36,30 @@ void CheckPngIsComplete(std::string_view bytes, const std::string& source) {
   }
 }
 
-std::string_view PngPalette(std::string_view bytes) {
-  constexpr size_t kColourType = 9;
-  constexpr char kPalette = 3;
+PngKind KindOfPng(std::string_view bytes) {
   const auto header = FindPngChunk(bytes, "IHDR");
-  if (!header || header->size() <= kColourType || (*header)[kColourType] != kPalette) return {};
-  return FindPngChunk(bytes, "PLTE").value_or(std::string_view());
+  if (!header || header->size() != kHeaderSize) return {};
+  return {static_cast<uint8_t>((*header)[8]), static_cast<uint8_t>((*header)[kColourType])};
+}
+
+std::string PaletteToGray(std::string_view bytes) {
+  std::string result(kPngSignature);
+  ForEachPngChunk(bytes, [&](std::string_view type, std::string_view data) {
+    if (type != "IHDR" && type != "IDAT" && type != "IEND") return true;
+    std::string chunk(data.data() - 8, data.size() + 12);
+    if (type == "IHDR" && data.size() == kHeaderSize) {
+      const auto checksum = [&] { return libdeflate_crc32(0, chunk.data() + 4, kHeaderSize + 4); };
+      const size_t end = chunk.size() - 4;
+      const bool is_sound = ReadBigEndian32(chunk, end) == checksum();
+      chunk[8 + kColourType] = 0;
+      for (size_t i = 0; is_sound && i < 4; ++i) {
+        chunk[end + i] = static_cast<char>(checksum() >> (8 * (3 - i)) & 255U);
+      }
+    }
+    result += chunk;
+    return type != "IEND";
+  });
+  return result;
 }
 
 cv::Mat DecodePngMask(std::string_view bytes, const std::string& source) {

@@ -39,8 +39,16 @@ std::optional<std::string_view> FindPngChunk(std::string_view bytes, std::string
 /// chunks lead to the end chunk. (Their checksums are the decoder's business.)
 void CheckPngIsComplete(std::string_view bytes, const std::string& source);
 
-/// The colours (three bytes each) that a PNG with a palette has; empty for any other.
-std::string_view PngPalette(std::string_view bytes);
+/// How a PNG stores its pixels; zeros if its header is not there.
+struct PngKind {
+  int bits = 0;  // Per sample.
+  int colour_type = 0;
+};
+inline constexpr int kPngPalette = 3;  // A colour type.
+PngKind KindOfPng(std::string_view bytes);
+
+/// A PNG with a palette as one in gray, whose pixels are the indices.
+std::string PaletteToGray(std::string_view bytes);
 
 /// Decodes a PNG as it is stored: depth and channels unchanged (colour as BGR). Throws InputError
 /// naming `source` if it is cut short or damaged.

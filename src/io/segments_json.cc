@@ -6,6 +6,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <utility>
 
 #include "s3lam/base/error.h"
 
@@ -63,9 +64,15 @@ int64_t ParseLabel(const std::string& text, const std::string& where) {
   return label;
 }
 
-/// Empty without one. What is said of void is left out, and the rest scaled to one.
-std::vector<float> ReadDistribution(const json& info, const ClassResolver& classes,
-                                    const std::string& where) {
+/// What a segment's "distribution" says.
+struct Distribution {
+  bool is_given = false;
+  std::vector<float> of_classes;  // Scaled to one; empty if all of it is void.
+  float of_void = 0.0F;
+};
+
+Distribution ReadDistribution(const json& info, const ClassResolver& classes,
+                              const std::string& where) {
   const auto it = info.find("distribution");
   if (it == info.end()) return {};
   const auto num_classes = static_cast<size_t>(classes.table().size());
@@ -94,19 +101,23 @@ std::vector<float> ReadDistribution(const json& info, const ClassResolver& class
   }
   float rest = 0.0F;
   for (const float p : result) rest += p;
-  if (!(rest > 0.0F)) ThrowInputError("{}: the whole distribution is void", where);
+  const auto of_void = static_cast<float>(sum) - rest;
+  if (!(rest > 0.0F)) return {true, {}, of_void};
   for (float& p : result) p /= rest;
-  return result;
+  return {true, std::move(result), of_void};
 }
 
 /// Class of a segment: what it says, else the likeliest of its distribution; empty for void.
-std::optional<int> ReadClass(const json& info, const std::vector<float>& distribution,
+std::optional<int> ReadClass(const json& info, const Distribution& distribution,
                              const ClassResolver& classes, const std::string& where) {
   const bool is_hugging_face = info.contains("label_id") && !info.contains("category_id");
   const char* key = is_hugging_face ? "label_id" : "category_id";
-  if (!info.contains(key) && !distribution.empty()) {
-    return static_cast<int>(std::max_element(distribution.begin(), distribution.end()) -
-                            distribution.begin());
+  if (!info.contains(key) && distribution.is_given) {
+    const std::vector<float>& p = distribution.of_classes;
+    const auto likeliest = std::max_element(p.begin(), p.end());
+    const bool is_void =
+        likeliest == p.end() || distribution.of_void > *likeliest * (1.0F - distribution.of_void);
+    return is_void ? std::nullopt : std::optional(static_cast<int>(likeliest - p.begin()));
   }
   return classes.IndexOf(RequireInteger(info, key, where), where);
 }
@@ -125,10 +136,10 @@ SegmentTable ParseSegments(const json& list, const ClassResolver& classes, uint3
     }
     const auto key = static_cast<uint32_t>(id);
     PanopticSegment segment;
-    segment.distribution = ReadDistribution(info, classes, name);
+    Distribution distribution = ReadDistribution(info, classes, name);
     segment.score = ReadScore(info, name);
     segment.is_crowd = ReadFlag(info, "iscrowd", name);
-    const auto class_index = ReadClass(info, segment.distribution, classes, name);
+    const auto class_index = ReadClass(info, distribution, classes, name);
     if (table.segments.contains(key) || table.void_segments.contains(key)) {
       ThrowInputError("{}: is listed twice", name);
     }
@@ -136,6 +147,10 @@ SegmentTable ParseSegments(const json& list, const ClassResolver& classes, uint3
       table.void_segments.insert(key);
       continue;
     }
+    if (distribution.is_given && distribution.of_classes.empty()) {
+      ThrowInputError("{}: the whole distribution is void", name);
+    }
+    segment.distribution = std::move(distribution.of_classes);
     segment.class_index = *class_index;
     segment.is_crowd |= classes.IsThing(*class_index) && ReadFlag(info, "was_fused", name);
     table.segments.emplace(key, std::move(segment));

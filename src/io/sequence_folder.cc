@@ -55,11 +55,14 @@ std::vector<std::string> ListImages(const fs::path& directory, bool recursive) {
   fs::recursive_directory_iterator it(directory, error);
   while (!error && it != fs::recursive_directory_iterator()) {
     const fs::path path = it->path();
-    if (it->is_directory(error) && (IsHidden(path) || !recursive)) it.disable_recursion_pending();
-    if (!IsHidden(path) && HasImageExtension(path) && it->is_regular_file(error)) {
+    std::error_code of_entry;  // What cannot be asked, such as a link to nothing, is no image.
+    if (it->is_directory(of_entry) && (IsHidden(path) || !recursive)) {
+      it.disable_recursion_pending();
+    }
+    if (!IsHidden(path) && HasImageExtension(path) && it->is_regular_file(of_entry)) {
       names.push_back(path.lexically_relative(directory).generic_string());
     }
-    if (!error) it.increment(error);
+    it.increment(error);
   }
   if (error) ThrowInputError("{}: cannot list: {}", directory.string(), error.message());
   std::sort(names.begin(), names.end(), NaturalLess);
