@@ -80,6 +80,7 @@ TrajectoryErrors MeasureTrajectory(const po::variables_map& arguments,
   const std::string ground_truth_file = Required(arguments, "ground-truth");
   const Trajectory estimate = ReadTrajectory(estimate_file);
   const Trajectory ground_truth = ReadTrajectory(ground_truth_file);
+  CheckBothHaveTimes(estimate_file, ground_truth_file);
   const auto errors = CompareTrajectories(estimate, ground_truth, options);
   if (!errors) {
     const size_t num_pairs = AssociateByTime(estimate, ground_truth, options.max_dt_s).size();
@@ -209,6 +210,10 @@ Wanted ReadWanted(const po::variables_map& arguments) {
   }
   if (given("model") && !wanted.clouds && !wanted.models) {
     throw UsageError("--model needs --semantics or --other-model");
+  }
+  if (given("per-pose") && !wanted.trajectory && !wanted.models) {
+    throw UsageError(
+        "--per-pose needs --estimate and --ground-truth, or --model and --other-model");
   }
   if (given("per-pose") && wanted.trajectory && wanted.models) {
     throw UsageError("--per-pose: of the trajectory or of the two models, not of both");

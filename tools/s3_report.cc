@@ -62,7 +62,13 @@ void MakeReport(const po::variables_map& arguments, const CommonArguments& commo
 
   report::Input input;
   input.run = report::ReadRunFolder(run);
-  if (!ground_truth.empty()) input.truth = ReadTrajectory(ground_truth);
+  if (!ground_truth.empty()) {
+    input.truth = ReadTrajectory(ground_truth);
+    if (IsTrajectoryWithoutTimes(ground_truth)) {
+      ThrowInputError("{}: KITTI's poses have no times: put the sequence's times.txt beside it",
+                      ground_truth);
+    }
+  }
   input.image_directory = Optional(arguments, "images");
   report::Output output;
   const report::Report report = report::Run(options, input, output);

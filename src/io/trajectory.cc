@@ -62,6 +62,25 @@ Rigid3 ParseKittiPose(LineParser& parser) {
   return {Eigen::Quaterniond(rotation).normalized(), matrix.col(3)};
 }
 
+constexpr int kKittiColumns = 12;
+
+std::filesystem::path TimesBeside(const std::filesystem::path& trajectory) {
+  return trajectory.parent_path() / "times.txt";
+}
+
+/// One time per line [s].
+std::vector<double> ReadTimes(const std::filesystem::path& path) {
+  std::istringstream stream(ReadFile(path));
+  LineReader reader(stream, path.string());
+  std::vector<double> times;
+  while (reader.NextData()) {
+    LineParser parser = reader.Parser();
+    times.push_back(parser.Real("time"));
+    parser.ExpectEnd();
+  }
+  return times;
+}
+
 /// Number of columns of the first line of data.
 int NumColumns(const std::string& content, const std::string& source) {
   std::istringstream stream(content);
@@ -110,6 +129,20 @@ Trajectory ReadKittiTrajectory(std::istream& stream, const std::string& source,
   return trajectory;
 }
 
+bool IsTrajectoryWithoutTimes(const std::filesystem::path& path) {
+  return NumColumns(ReadFile(path), path.string()) == kKittiColumns &&
+         !std::filesystem::exists(TimesBeside(path));
+}
+
+void CheckBothHaveTimes(const std::filesystem::path& a, const std::filesystem::path& b) {
+  const bool a_has_none = IsTrajectoryWithoutTimes(a);
+  if (a_has_none == IsTrajectoryWithoutTimes(b)) return;
+  ThrowInputError(
+      "{}: KITTI's poses have no times, but those of {} have: put the sequence's "
+      "times.txt beside it",
+      (a_has_none ? a : b).string(), (a_has_none ? b : a).string());
+}
+
 Trajectory ReadTrajectory(const std::filesystem::path& path) {
   const std::string source = path.string();
   const std::string content = ReadFile(path);
@@ -117,7 +150,11 @@ Trajectory ReadTrajectory(const std::filesystem::path& path) {
   std::istringstream stream(content);
   if (num_columns == 0) ThrowInputError("{}: no poses", source);
   if (num_columns == 8) return ReadTumTrajectory(stream, source);
-  if (num_columns == 12) return ReadKittiTrajectory(stream, source);
+  if (num_columns == kKittiColumns) {
+    const std::filesystem::path times = TimesBeside(path);
+    return ReadKittiTrajectory(
+        stream, source, std::filesystem::exists(times) ? ReadTimes(times) : std::vector<double>());
+  }
   ThrowInputError("{}: {} columns; a TUM trajectory has 8, a KITTI trajectory 12", source,
                   num_columns);
 }

@@ -99,6 +99,22 @@ TEST(Trajectory, KittiPosesAreReadWithTheirTimes) {
   EXPECT_EQ(by_number[1].time_s, 1.0);
 }
 
+TEST(Trajectory, TimesOfKittiComeFromTheFileBeside) {
+  const TempDir dir;
+  const std::string pose = "1 0 0 0 0 1 0 0 0 0 1 0\n";
+  const auto kitti = dir.Write("kitti/07.txt", pose + pose);
+  const auto tum = dir.Write("tum/frames.txt", "0 0 0 0 0 0 0 1\n0.1 0 0 0 0 0 0 1\n");
+  EXPECT_TRUE(IsTrajectoryWithoutTimes(kitti));
+  EXPECT_THAT([&] { CheckBothHaveTimes(tum, kitti); },
+              ThrowsMessage<InputError>(AllOf(HasSubstr("07.txt"), HasSubstr("times.txt"))));
+  EXPECT_NO_THROW(CheckBothHaveTimes(kitti, kitti));
+  dir.Write("kitti/times.txt", "0.0\n1.037e-01\n");
+  EXPECT_EQ(ReadTrajectory(kitti)[1].time_s, 0.1037);
+  EXPECT_NO_THROW(CheckBothHaveTimes(tum, kitti));
+  dir.Write("kitti/times.txt", "0.0\n");
+  EXPECT_THROW(ReadTrajectory(kitti), InputError);
+}
+
 TEST(Trajectory, FaultsAreNamedWithTheirLine) {
   const auto expect_error = [](const std::string& text, const std::string& message) {
     std::istringstream stream(text);

@@ -19,8 +19,16 @@ Trajectory ReadTumTrajectory(const std::filesystem::path& path);
 Trajectory ReadKittiTrajectory(std::istream& stream, const std::string& source,
                                const std::vector<double>& times = {});
 
-/// Reads either, told apart by the number of columns.
+/// Reads either, told apart by the number of columns. The times of a KITTI trajectory come from the
+/// times.txt beside it (one per pose [s]), if there is one.
 Trajectory ReadTrajectory(const std::filesystem::path& path);
+
+/// True for a KITTI trajectory without times beside it: it cannot be compared with one that has
+/// times. Throws as ReadTrajectory.
+bool IsTrajectoryWithoutTimes(const std::filesystem::path& path);
+
+/// Throws InputError if one of two trajectories to be compared has times and the other has none.
+void CheckBothHaveTimes(const std::filesystem::path& a, const std::filesystem::path& b);
 
 /// Writes TUM with full precision, single spaces, and comment lines with the number of poses, by
 /// which the reader notices a file that was cut short, and the names of the columns.
