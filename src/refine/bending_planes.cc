@@ -33,9 +33,6 @@ class Cutter {
         model_(model),
         problem_(problem),
         pixel_size_(PixelSizes(problem)) {
-    for (const PlaneState& plane : model.planes) {
-      next_id_ = std::max(next_id_, plane.id.value() + 1);
-    }
     double focal = 0.0;
     for (const Camera& camera : problem.cameras) focal += camera.MeanFocal();
     focal_ = problem.cameras.empty() ? 0.0 : focal / static_cast<double>(problem.cameras.size());
@@ -108,7 +105,7 @@ class Cutter {
       problem_.planes[whole] = AnchoredPlane::FromPlane(plane, centroid);
       return static_cast<int>(whole);
     }
-    state.id = PlaneId(next_id_++);
+    state.id = PlaneId(model_.next_id++);
     model_.planes.push_back(std::move(state));
     problem_.planes.push_back(AnchoredPlane::FromPlane(plane, centroid));
     return static_cast<int>(problem_.planes.size()) - 1;
@@ -132,7 +129,6 @@ class Cutter {
   BundleProblem& problem_;
   std::vector<double> pixel_size_;
   double focal_ = 0.0;
-  uint32_t next_id_ = 0;
 };
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include "s3lam/refine/flattening.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace s3lam {
@@ -14,7 +15,8 @@ class OnlyPointsFree {
                              std::vector<uint8_t>(problem.poses.size(), uint8_t{1}))),
         relations_(std::exchange(problem.relations, {})),
         heights_(std::exchange(problem.heights, {})),
-        priors_(std::exchange(problem.pose_priors, {})) {
+        priors_(std::exchange(problem.pose_priors, {})),
+        points_on_planes_(problem.points_on_planes) {
     for (AnchoredPlane& plane : problem.planes) {
       planes_.push_back(plane.is_constant);
       plane.is_constant = true;
@@ -25,6 +27,7 @@ class OnlyPointsFree {
     problem_.relations = std::move(relations_);
     problem_.heights = std::move(heights_);
     problem_.pose_priors = std::move(priors_);
+    problem_.points_on_planes = std::move(points_on_planes_);
     for (size_t k = 0; k < planes_.size(); ++k) problem_.planes[k].is_constant = planes_[k];
   }
   OnlyPointsFree(const OnlyPointsFree&) = delete;
@@ -36,6 +39,7 @@ class OnlyPointsFree {
   std::vector<RelationTerm> relations_;
   std::vector<HeightTerm> heights_;
   std::vector<PosePriorTerm> priors_;
+  std::vector<PointOnPlane> points_on_planes_;
   std::vector<bool> planes_;
 };
 
@@ -43,7 +47,11 @@ class OnlyPointsFree {
 
 void FlattenPoints(const BundleSolverOptions& solver, const PlaneSigmaOptions& sigma,
                    const PlaneModel& planes, BundleProblem& problem) {
-  if (sigma.kind != PlaneSigmaKind::kPixel || problem.points_on_planes.empty()) return;
+  const bool has_free_points = std::any_of(
+      problem.points_on_planes.begin(), problem.points_on_planes.end(), [&](const auto& term) {
+        return problem.point_is_constant.empty() || problem.point_is_constant[term.point] == 0;
+      });
+  if (sigma.kind != PlaneSigmaKind::kPixel || !has_free_points) return;
   const OnlyPointsFree scope(problem);
   for (PointOnPlane& term : problem.points_on_planes) {
     const double in_common = planes.planes[term.plane].kappa / sigma.min_kappa;

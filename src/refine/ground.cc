@@ -255,10 +255,6 @@ class GroundBuilder {
       if (plane.class_index == class_index_) plane.in_use = false;
     }
     const ClusterId cluster_id = LargestCluster();
-    uint32_t next_id = 0;
-    for (const PlaneState& plane : model_.planes) {
-      next_id = std::max(next_id, plane.id.value() + 1);
-    }
     int previous = -1;
     for (size_t s = 0; s < stretches_.size(); ++s) {
       const Stretch& stretch = stretches_[s];
@@ -267,7 +263,7 @@ class GroundBuilder {
         continue;
       }
       PlaneState state;
-      state.id = PlaneId(next_id++);
+      state.id = PlaneId(model_.next_id++);
       state.cluster_id = cluster_id;
       state.class_index = class_index_;
       state.is_ground = true;

@@ -1,4 +1,5 @@
 #include "s3lam/refine/outer_loop.h"
+#include "s3lam/refine/constraints.h"
 
 #include <algorithm>
 #include <array>
@@ -61,6 +62,7 @@ class OuterLoop {
       MendPoints(iteration);
       iteration.observations =
           SelectObservations(settings_.outliers, settings_.solver.sigma_px, false, map_);
+      KeepGauge();
       iteration.seconds = timer.Seconds();
       iterations_.push_back(iteration);
       Log(i);
@@ -78,6 +80,16 @@ class OuterLoop {
     if (solve.converged || solve.final_cost < solve.initial_cost) return;
     throw std::runtime_error("the bundle adjustment finds no better map than its input: " +
                              solve.message);
+  }
+
+  /// What held the world may have lost its observations.
+  void KeepGauge() {
+    const std::vector<uint8_t> used = map_.problem.UsedPoses();
+    const Gauge& gauge = map_.problem.gauge;
+    const auto is_lost = [&](int pose) { return pose >= 0 && used[pose] == 0; };
+    if (is_lost(gauge.fixed_pose) || is_lost(gauge.scale_pose)) {
+      map_.problem.gauge = ChooseGaugeWithConstraints(map_.problem);
+    }
   }
 
   /// Tracks are merged without planes only: these know their points by index.

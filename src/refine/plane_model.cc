@@ -133,6 +133,7 @@ PlaneModel BuildPlaneModel(const MembershipOptions& options, const SemanticMap& 
   PlaneModel model;
   std::vector<Extent> extents;
   for (const auto& [id, surface] : semantics.planes) {
+    model.next_id = id.value() + 1;  // Ascending.
     PlaneState plane;
     plane.id = id;
     plane.cluster_id = surface.cluster_id;

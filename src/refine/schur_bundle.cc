@@ -162,6 +162,7 @@ class SchurBundle {
     double slack = 0.0;
     if (!equations_.Damp(radius_) || !reduced_.Solve(equations_, step, slack)) return Refuse();
     const NormalEquations::Step applied = equations_.Apply(step, slack, state_, trial_);
+    if (applied.squared_norm == 0.0) return Converged("nothing moves");
     if (!(applied.model_decrease > 0.0)) return Refuse();
     if (std::sqrt(applied.squared_norm) <=
         kParameterTolerance * (std::sqrt(applied.squared_state_norm) + kParameterTolerance)) {

@@ -83,6 +83,7 @@ struct PlaneModel {
   std::vector<double> kappa_of_class;        // Zero for classes without a plane.
   double median_depth = 0.0;                 // [map units]
   double ground_strength = 1.0;              // Of the terms that tie cameras to the ground.
+  uint32_t next_id = 0;                      // Above those of all planes of the semantic map.
 };
 
 /// The planes of the semantic map, anchored at the centroid of their inliers, whose points the

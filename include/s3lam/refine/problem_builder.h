@@ -72,7 +72,7 @@ Gauge ChooseGauge(const BundleProblem& problem, int fixed_pose = -1);
 
 /// Standard deviation of a keypoint of relative sigma one [px], from the median reprojection error
 /// of all observations, those not in use among them, since a choice by their error would make it
-/// too small; at least 0.1, so that exact data does not make it zero.
+/// too small; at least 0.05, so that exact data does not make it zero.
 double MeasureKeypointSigma(const BundleMap& map);
 
 /// Inverse of the Hessian of each point's reprojection errors with the poses held: the covariance
