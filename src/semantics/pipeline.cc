@@ -134,6 +134,12 @@ LiftResult LiftSemantics(const Reconstruction& reconstruction, const ClassTable&
     const ScopedStep step(times, "masks");
     observations = LookUpMasks(reconstruction, masks, options.lookup,
                                options.instances == InstanceMethod::kIou, options.num_threads);
+    if (observations.frames.empty() && observations.num_images_with_bad_mask > 0) {
+      ThrowInputError(
+          "all {} masks of the model's images are unusable: without --lenient, the "
+          "first one's reason is said",
+          observations.num_images_with_bad_mask);
+    }
     if (observations.frames.empty()) {
       ThrowInputError(
           "none of the model's {} images has a mask: a mask is named as its image (.png, .npy, "

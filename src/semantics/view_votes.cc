@@ -10,35 +10,26 @@ namespace {
 
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
-/// Points that each pair of frames has in common; of every k-th point only where there are so many
-/// that counting them all takes long. A point is a list of the frames that see it.
-std::vector<std::vector<float>> CountCommon(const std::vector<WeightedList>& frames_of_row,
-                                            size_t num_frames) {
-  constexpr size_t kMaxPairs = 20'000'000;
+/// For every frame, the later ones it is compared with: those that see its points, or, of each of
+/// the two, an even choice of max_partners among them, from the most points in common to the least.
+std::vector<std::vector<uint32_t>> ChoosePartners(
+    const std::vector<std::vector<CommonViews::Sighting>>& sightings,
+    const std::vector<WeightedList>& frames_of_row, int max_partners, int num_threads) {
+  const size_t num_frames = sightings.size();
+  constexpr size_t kMaxPairs = 20'000'000;  // Where there are more, every k-th point is asked.
   size_t pairs = 0;
   for (const WeightedList& row : frames_of_row) pairs += row.size() * row.size();
   const size_t step = 1 + pairs / kMaxPairs;
-  std::vector<std::vector<float>> common(num_frames, std::vector<float>(num_frames));
-  for (size_t row = 0; row < frames_of_row.size(); row += step) {
-    for (const Weighted& a : frames_of_row[row]) {
-      std::vector<float>& of_frame = common[a.id];
-      for (const Weighted& b : frames_of_row[row]) of_frame[b.id] += a.weight * b.weight;
-    }
-  }
-  return common;
-}
-
-/// For every frame, the later ones it is compared with: those that see its points, or, of each of
-/// the two, an even choice of max_partners among them, from the most points in common to the least.
-std::vector<std::vector<uint32_t>> ChoosePartners(const std::vector<WeightedList>& frames_of_row,
-                                                  size_t num_frames, int max_partners,
-                                                  int num_threads) {
-  const std::vector<std::vector<float>> common = CountCommon(frames_of_row, num_frames);
   std::vector<std::vector<uint32_t>> chosen(num_frames);
   ParallelFor(num_frames, num_threads, [&](size_t f) {
+    std::vector<float> common(num_frames, 0.0F);
+    for (const CommonViews::Sighting& s : sightings[f]) {
+      if (s.row % step != 0) continue;
+      for (const Weighted& b : frames_of_row[s.row]) common[b.id] += s.weight * b.weight;
+    }
     WeightedList others;
     for (uint32_t g = 0; g < num_frames; ++g) {
-      if (g != f && common[f][g] > 0.0F) others.push_back({g, common[f][g]});
+      if (g != f && common[g] > 0.0F) others.push_back({g, common[g]});
     }
     std::sort(others.begin(), others.end(), [](const Weighted& g, const Weighted& h) {
       return g.weight != h.weight ? g.weight > h.weight : g.id < h.id;
@@ -82,7 +73,7 @@ CommonViews::CommonViews(const MaskObservations& observations, const ConsensusOp
       frames_of_row[row].push_back({o.frame, weight});
     }
   }
-  partners_ = ChoosePartners(frames_of_row, num_frames(), options.max_partners, num_threads);
+  partners_ = ChoosePartners(sightings_, frames_of_row, options.max_partners, num_threads);
 }
 
 VoteCounter::VoteCounter(const CommonViews& views)

@@ -18,6 +18,13 @@ using WeightedList = std::vector<Weighted>;
 /// and crowds left out.
 class CommonViews {
  public:
+  /// A point seen in a segment.
+  struct Sighting {
+    uint32_t row = 0;
+    uint32_t segment = 0;
+    float weight = 0.0F;
+  };
+
   CommonViews(const MaskObservations& observations, const ConsensusOptions& options,
               int num_threads);
 
@@ -28,13 +35,6 @@ class CommonViews {
 
  private:
   friend class VoteCounter;
-
-  /// A point seen in a segment.
-  struct Sighting {
-    uint32_t row = 0;
-    uint32_t segment = 0;
-    float weight = 0.0F;
-  };
 
   size_t num_rows_ = 0;
   std::vector<std::vector<Sighting>> sightings_;  // Of each frame, by row.
