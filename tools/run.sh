@@ -64,6 +64,7 @@ while (($# > 0)); do
 done
 [[ -n $sequence || -n $model ]] || fail_usage "--sequence or --model is required"
 [[ -z $sequence || -z $model ]] || fail_usage "--sequence and --model exclude one another"
+[[ -z $model || ${#slam[@]} -eq 0 ]] || fail_usage "${slam[0]} goes with --sequence only"
 [[ -n $masks ]] || fail_usage "--masks is required"
 [[ -n $classes ]] || fail_usage "--classes is required"
 [[ -n $output ]] || fail_usage "--output is required"

@@ -215,6 +215,15 @@ Provenance DescribeInputs(const po::variables_map& arguments, const CommonArgume
     if (frame.path.empty()) break;  // A video is one file.
   }
   provenance.AddListing("images", sequence.image_root, images);
+  std::string frames;
+  for (const SequenceFrame& frame : sequence.frames) {
+    frames += fmt::format("{} {} {}\n", frame.index, frame.time_s, frame.name);
+  }
+  provenance.AddText("frames", frames);
+  const Camera& used = *sequence.camera;
+  provenance.AddText("used_camera", fmt::format("{} {} {} {} {}\n", camera == kCameraAuto,
+                                                CameraModelName(used.model), used.width,
+                                                used.height, fmt::join(used.params, " ")));
   if (arguments.count("ignore-masks") > 0) {
     provenance.AddListing("ignore_masks", arguments["ignore-masks"].as<std::string>());
   }
@@ -238,6 +247,7 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   slam::Input input = MakeInput(opened, reader, ignore_masks);
   input.steps = checkpoint.get();
   input.save_every_s = arguments["checkpoint-every"].as<double>();
+  if (!(input.save_every_s > 0.0)) throw UsageError("--checkpoint-every must be positive");
   const slam::Result result = slam::Run(options, input);
   nlohmann::json report = ToJson(result.report);
   provenance.AddTo(report);

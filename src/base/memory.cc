@@ -23,20 +23,31 @@ uint64_t NumberIn(const char* path, uint64_t otherwise) {
   return stream >> value ? value : otherwise;
 }
 
-uint64_t FreeOfMachine() {
-  std::ifstream stream("/proc/meminfo");
-  for (std::string line; std::getline(stream, line);) {
-    constexpr std::string_view kKey = "MemAvailable:";
-    if (line.starts_with(kKey)) return 1024 * std::stoull(line.substr(kKey.size()));
+/// The number behind a key at the beginning of a line; `otherwise` if there is none.
+uint64_t NumberBehind(std::string_view key, const char* path, uint64_t otherwise) {
+  std::ifstream stream(path);
+  std::string word;
+  for (uint64_t value = 0; stream >> word;) {
+    if (word == key && stream >> value) return value;
   }
-  return kUnlimited;
+  return otherwise;
+}
+
+uint64_t FreeOfMachine() {
+  const uint64_t kibibytes = NumberBehind("MemAvailable:", "/proc/meminfo", kUnlimited);
+  return kibibytes == kUnlimited ? kUnlimited : 1024 * kibibytes;
 }
 
 /// Of version 2, as seen from inside a container, whose own group is the root of what it sees.
+/// Files that the kernel keeps in memory count as used there, but give way.
 uint64_t FreeOfControlGroup() {
   const uint64_t limit = NumberIn("/sys/fs/cgroup/memory.max", kUnlimited);
+  if (limit == kUnlimited) return kUnlimited;
+  const char* const parts = "/sys/fs/cgroup/memory.stat";
   const uint64_t used = NumberIn("/sys/fs/cgroup/memory.current", 0);
-  return limit == kUnlimited ? kUnlimited : limit - std::min(limit, used);
+  const uint64_t of_files =
+      NumberBehind("inactive_file", parts, 0) + NumberBehind("active_file", parts, 0);
+  return limit - std::min(limit, used - std::min(used, of_files));
 }
 
 uint64_t FreeOfAddressSpace() {

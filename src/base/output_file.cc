@@ -68,9 +68,13 @@ void OutputFile::Commit(std::string_view content) {
   }
   if (fsync(fd_) != 0) fail("cannot flush to disk");
   const unsigned int flags = overwrite_ ? 0 : RENAME_NOREPLACE;
-  if (renameat2(AT_FDCWD, staging_.c_str(), AT_FDCWD, target_.c_str(), flags) != 0) {
-    fail("cannot put the result in place");
+  bool done = renameat2(AT_FDCWD, staging_.c_str(), AT_FDCWD, target_.c_str(), flags) == 0;
+  if (!done && (errno == EINVAL || errno == ENOSYS)) {  // Network file systems, some FUSE ones.
+    done = overwrite_
+               ? rename(staging_.c_str(), target_.c_str()) == 0
+               : link(staging_.c_str(), target_.c_str()) == 0 && unlink(staging_.c_str()) == 0;
   }
+  if (!done) fail("cannot put the result in place");
   staging_.clear();
   const int parent = open(ParentOf(target_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   const bool synced = parent >= 0 && fsync(parent) == 0;

@@ -209,6 +209,11 @@ TEST_F(CheckpointTest, FoldersOfOthersAreLeftAlone) {
   ExpectRefused(WithCheckpoint(Refine({"--overwrite"})), kBadInput,
                 {checkpoint().string(), "neither empty nor a checkpoint"});
   EXPECT_EQ(FileBytes(checkpoint() / "letter.txt"), "mine");
+  fs::remove(checkpoint() / "letter.txt");
+  place_.Write("place/checkpoint/.out.tmp-AbCdEf/model", "of another run");
+  ExpectRefused(WithCheckpoint(Refine({"--overwrite"})), kBadInput, {"neither empty nor"});
+  EXPECT_EQ(FileBytes(checkpoint() / ".out.tmp-AbCdEf/model"), "of another run");
+  fs::remove_all(checkpoint() / ".out.tmp-AbCdEf");
   ExpectRefused(Refine({"--resume"}), kWrongUsage, {"--checkpoint"});
 }
 

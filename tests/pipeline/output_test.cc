@@ -58,6 +58,16 @@ TEST_F(Output, OverwriteReplacesTheWholeFolder) {
   EXPECT_THAT(Listing(place_.path()), ::testing::ElementsAre("out"));
 }
 
+TEST_F(Output, AnInputInItIsNotRemoved) {
+  std::filesystem::create_directory(place_ / "out");
+  std::filesystem::copy(model(), place_ / "out" / "model",
+                        std::filesystem::copy_options::recursive);
+  ExpectRefused(RunTool("s3-refine", {"--model", (place_ / "out" / "model").string(), "--output",
+                                      (place_ / "out").string(), "--overwrite"}),
+                testing::kWrongUsage, {"would remove --model"});
+  EXPECT_TRUE(std::filesystem::exists(place_ / "out" / "model" / "points3D.bin"));
+}
+
 TEST_F(Output, FailureKeepsTheOldOne) {
   place_.Write("out/old.txt", "old result");
   Truncate(model() / "images.bin", 0.5);

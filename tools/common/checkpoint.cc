@@ -4,6 +4,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <system_error>
 
 #include "s3lam/base/error.h"
@@ -26,9 +27,13 @@ constexpr int kVersion = 1;
 constexpr const char* kEnding = ".step";
 constexpr size_t kHashDigits = 64;
 
-/// What a run that was killed while it wrote has left.
+/// What a run that was killed while it wrote has left of the files of a checkpoint.
 bool IsUnfinished(const fs::path& name) {
-  return name.string().starts_with('.') && name.string().find(".tmp-") != std::string::npos;
+  const std::string text = name.string();
+  const size_t end = text.find(".tmp-");
+  if (!text.starts_with('.') || end == std::string::npos) return false;
+  const std::string target = text.substr(1, end - 1);
+  return target == kDescription || target.ends_with(kEnding);
 }
 
 bool IsStep(const fs::path& name) { return name.extension() == kEnding; }
@@ -86,11 +91,14 @@ Checkpoint::Checkpoint(fs::path directory, const Provenance& provenance, bool re
   }
   Lock();
   const json identity = IdentityOf(provenance);
-  DropFiles(IsUnfinished);
   const bool is_there = fs::exists(directory_ / kDescription);
-  if (!is_there && !fs::is_empty(directory_)) {
+  const bool is_unused =
+      std::all_of(fs::directory_iterator(directory_), fs::directory_iterator(),
+                  [](const auto& entry) { return IsUnfinished(entry.path().filename()); });
+  if (!is_there && !is_unused) {
     ThrowInputError("{}: neither empty nor a checkpoint: give another folder", directory_.string());
   }
+  DropFiles(IsUnfinished);
   SignalWatch::SetAdvice(
       fmt::format("the same command with --resume goes on from {}", directory_.string()));
   if (is_there && resume) {

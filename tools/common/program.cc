@@ -4,10 +4,12 @@
 #include <sys/resource.h>
 
 #include <atomic>
+#include <boost/any.hpp>
 #include <clocale>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <filesystem>
 #include <iostream>
 #include <new>
 #include <opencv2/core.hpp>
@@ -94,6 +96,25 @@ std::string OneLine(std::string text) {
   return text;
 }
 
+/// Replacing a folder must not take inputs away that lie in it.
+void CheckOutputHoldsNoInput(const po::variables_map& arguments) {
+  namespace fs = std::filesystem;
+  if (arguments.count("output") == 0 || !arguments["overwrite"].as<bool>()) return;
+  std::error_code error;
+  const fs::path output = fs::canonical(arguments["output"].as<std::string>(), error);
+  if (error || !fs::is_directory(output, error)) return;
+  for (const auto& [name, value] : arguments) {
+    const auto* text = boost::any_cast<std::string>(&value.value());
+    if (text == nullptr || text->empty()) continue;
+    const fs::path input = fs::canonical(*text, error);
+    if (error) continue;  // A name of something else, or missing, which others say.
+    const fs::path inside = input.lexically_relative(output);
+    if (inside.empty() || inside == "." || *inside.begin() == "..") continue;
+    throw UsageError(fmt::format("--overwrite would remove --{} {} with the folder {}", name, *text,
+                                 output.string()));
+  }
+}
+
 int RunParsed(int argc, char** argv, const Program& program) {
   po::options_description all;
   all.add(program.arguments).add(CommonDescription());
@@ -119,6 +140,7 @@ int RunParsed(int argc, char** argv, const Program& program) {
     return 0;
   }
   const CommonArguments common = ParseCommon(arguments);
+  CheckOutputHoldsNoInput(arguments);
   InitLogging(common.quiet);
   {
     PrepareImageDecoders();

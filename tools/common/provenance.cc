@@ -115,6 +115,12 @@ void Provenance::AddListing(const std::string& input, const fs::path& folder) {
   AddListing(input, folder, files);
 }
 
+void Provenance::AddText(const std::string& input, const std::string& text) {
+  Sha256 hash;
+  hash.Update(text);
+  inputs_[input] = {{"bytes", text.size()}, {"sha256", hash.Finish()}, {"sha256_of", "text"}};
+}
+
 nlohmann::json Provenance::Hashes() const {
   nlohmann::json hashes = nlohmann::json::object();
   for (const auto& [input, entry] : inputs_.items()) hashes[input] = entry["sha256"];

@@ -25,6 +25,8 @@ class Provenance {
   /// the order given.
   void AddListing(const std::string& input, const std::filesystem::path& folder,
                   const std::vector<std::filesystem::path>& files);
+  /// What was made of inputs, by its text.
+  void AddText(const std::string& input, const std::string& text);
   /// Every file under a folder, sorted by name, as a listing.
   void AddListing(const std::string& input, const std::filesystem::path& folder);
 

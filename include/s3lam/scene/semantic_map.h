@@ -91,7 +91,8 @@ struct SemanticMap {
 void CheckSemanticMap(const SemanticMap& map, const Reconstruction& reconstruction,
                       const std::string& source);
 
-/// A short text that changes when the ids, poses or points of a model change.
+/// A short text that changes when the ids of a model's images and points, the translations of its
+/// poses or the places of its points change.
 std::string FingerprintOfModel(const Reconstruction& reconstruction);
 
 }  // namespace s3lam
