@@ -52,6 +52,11 @@ Undistorter::Undistorter(const Camera& camera)
       upper_ = upper_.cwiseMax(*undistorted);
     }
   }
+  if (!(lower_.array() < upper_.array()).all()) {
+    throw InputError(
+        "the camera's distortion cannot be undone anywhere on the image's border: is "
+        "the calibration right?");
+  }
 }
 
 size_t Undistorter::CellOf(const Eigen::Vector2d& undistorted, int columns, int rows) const {
