@@ -16,6 +16,7 @@ import concurrent.futures
 import json
 import os
 import pathlib
+import re
 import sys
 
 import campaign_jobs as jobs
@@ -51,14 +52,25 @@ def run_jobs(campaign, cores):
     return failed
 
 
+def system_and_sequence(file_name, sequences):
+    """What <system>_<sequence>[_<run>]_frames.txt stands for, or None; names may end in others."""
+    for name in sorted(sequences, key=len, reverse=True):
+        match = re.fullmatch(rf"(.+?)_{re.escape(name)}(_\d+)?_frames\.txt", file_name)
+        if match:
+            return match.group(1), name
+    return None
+
+
 def measure_baselines(campaign, folder):
     """Trajectories <system>_<sequence>[_<run>]_frames.txt of other systems."""
     programs = stages.Programs(campaign.bin, 1, 0)
     found = {}
     for name in campaign.sequences:
         sequence = campaign.find(name)
-        for path in sorted(folder.glob(f"*_{name}*_frames.txt")) if sequence.references else []:
-            system = path.name.partition(f"_{name}")[0]
+        for path in sorted(folder.glob("*_frames.txt")) if sequence.references else []:
+            system, of_sequence = system_and_sequence(path.name, campaign.sequences) or ("", "")
+            if of_sequence != name:
+                continue
             report = programs.trajectory_error(path, sequence.references[0])
             entry = found.setdefault((name, system), {
                 "sequence": name, "reference": sequence.references[0].name, "system": system,

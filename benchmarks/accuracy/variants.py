@@ -71,7 +71,9 @@ def occluded(image, index):
 
 def scaled(factor):
     def apply(image, _):
-        return image.resize((image.width // factor, image.height // factor), Image.Resampling.BOX)
+        size = (image.width // factor, image.height // factor)
+        whole = (0, 0, size[0] * factor, size[1] * factor)  # Else the pixels would not be square.
+        return image.crop(whole).resize(size, Image.Resampling.BOX)
     return apply
 
 

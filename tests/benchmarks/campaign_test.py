@@ -12,6 +12,7 @@ import unittest
 ACCURACY = pathlib.Path(__file__).resolve().parents[2] / "benchmarks" / "accuracy"
 sys.path.insert(0, str(ACCURACY))
 
+import campaign  # noqa: E402
 import campaign_jobs as jobs  # noqa: E402
 
 # Notes each call; the "error" of an estimate is what its producer wrote into it.
@@ -150,6 +151,16 @@ class Campaign(unittest.TestCase):
         self.assertEqual(len(self.calls("s3-refine")), 2)  # Clean and noisy masks.
         self.assertIn("camera_height.mode=auto", self.calls("s3-refine")[0])
         self.assertIn("| kitti07 | clean | hard | 0 | this build", text)
+
+    def test_baselines_of_sequences_whose_names_contain_each_other(self):
+        names = ["near", "near_no_loop", "desk", "fr1_desk"]
+        for file_name, expected in (("orb_near_frames.txt", ("orb", "near")),
+                                    ("orb_near_2_frames.txt", ("orb", "near")),
+                                    ("orb_near_no_loop_1_frames.txt", ("orb", "near_no_loop")),
+                                    ("orb_fr1_desk_frames.txt", ("orb", "fr1_desk")),
+                                    ("orb_desk_frames.txt", ("orb", "desk")),
+                                    ("orb_far_frames.txt", None)):
+            self.assertEqual(campaign.system_and_sequence(file_name, names), expected)
 
     def test_wrong_names_are_refused(self):
         for arguments in (("--sequences", "nowhere"), ("--sequences", "kitti07", "--arms", "no")):
