@@ -275,8 +275,10 @@ void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& c
   std::vector<double> ignored(names.size(), -1.0);  // Share of the pixels; negative without mask.
   ParallelFor(names.size(), common.threads, [&](size_t i) {
     if (!matches[i]) return;
-    cv::Mat mask = MakeIgnoreMask(masks.Read(*matches[i]), table, margin_px);
+    const PanopticFrame frame = masks.Read(*matches[i]);
+    cv::Mat mask = MakeIgnoreMask(frame, table, margin_px);
     if (sequence.camera) {
+      CheckMaskShape(frame, *sequence.camera, names[i]);
       const cv::Size size(sequence.camera->width, sequence.camera->height);
       cv::resize(mask, mask, size, 0.0, 0.0, cv::INTER_NEAREST);
     }

@@ -130,6 +130,18 @@ Similarity3 ChooseWorld(const Options& options, Output& output, Report& report) 
   return *upright_from_world * new_from_old;
 }
 
+void WarnOfMovedWorld(const Constraints& constraints, const Similarity3& new_from_old) {
+  const bool is_held = !constraints.constant_images.empty() ||
+                       !constraints.constant_points.empty() || !constraints.pose_priors.empty();
+  const bool is_moved = new_from_old.scale != 1.0 ||
+                        new_from_old.rotation.vec() != Eigen::Vector3d::Zero() ||
+                        new_from_old.translation != Eigen::Vector3d::Zero();
+  if (!is_held || !is_moved) return;
+  spdlog::warn(
+      "the output is in another world than its constant parts and pose priors were: "
+      "camera_height.value sets the scale anew, gravity.mode the rotation");
+}
+
 /// Covariances at the solution, for what the output has.
 void AddCovariance(const Options& options, const BundleMap& map, const PlaneModel& planes,
                    const SemanticMap& semantics, const Similarity3& new_from_old, Output& output) {
@@ -287,6 +299,7 @@ Report RunInWorld(const Options& given, const Input& input, Output& output) {
   MoveTrajectories(options, input, map, output, report);
   const SemanticMap semantics = output.semantics;
   const Similarity3 new_from_old = ChooseWorld(options, output, report);
+  WarnOfMovedWorld(input.constraints, new_from_old);
   if (options.covariance.enabled) {
     const ScopedStep covariance_step(report.seconds, "covariance");
     AddCovariance(options, map, planes, semantics, new_from_old, output);

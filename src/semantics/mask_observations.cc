@@ -64,16 +64,6 @@ std::vector<const Image*> ImagesInOrder(const Reconstruction& reconstruction) {
   return images;
 }
 
-/// Throws unless the mask is a scaled version of the image, to the nearest pixel.
-void CheckMaskShape(const PanopticFrame& frame, const Camera& camera, const Image& image) {
-  const auto width = static_cast<double>(frame.segment_ids.cols());
-  const auto height = static_cast<double>(frame.segment_ids.rows());
-  const double scale = width / camera.width;
-  if (std::abs(height - scale * camera.height) <= std::max(1.0, scale)) return;
-  ThrowInputError("{}: the mask is {} x {} px but its image {} is {} x {} px", frame.source, width,
-                  height, image.name, camera.width, camera.height);
-}
-
 /// True if a pixel of another segment lies within `radius` of pixel (x, y).
 bool IsNearBorder(const SegmentImage& ids, Eigen::Index x, Eigen::Index y, double radius) {
   const auto reach = static_cast<Eigen::Index>(std::floor(radius));
@@ -188,7 +178,7 @@ FrameLookup LookUpImage(const Reconstruction& reconstruction, const Image& image
     std::optional<PanopticFrame> frame = masks(image);
     if (!frame) return lookup;
     const Camera& camera = reconstruction.CameraOf(image);
-    CheckMaskShape(*frame, camera, image);
+    CheckMaskShape(*frame, camera, image.name);
     lookup.segments.assign(frame->segments.begin(), frame->segments.end());
     LookUpPoints(*frame, camera, rows, visibility, options.border_px, lookup);
     if (keep_pixels) IndexPixels(std::move(frame->segment_ids), lookup);
@@ -338,6 +328,16 @@ PixelDistribution Compress(const std::vector<float>& distribution) {
     result.each_of_others = std::max(0.0F, rest) / static_cast<float>(order.size() - count);
   }
   return result;
+}
+
+void CheckMaskShape(const PanopticFrame& frame, const Camera& camera,
+                    const std::string& image_name) {
+  const auto width = static_cast<double>(frame.segment_ids.cols());
+  const auto height = static_cast<double>(frame.segment_ids.rows());
+  const double scale = width / camera.width;
+  if (std::abs(height - scale * camera.height) <= std::max(1.0, scale)) return;
+  ThrowInputError("{}: the mask is {} x {} px but its image {} is {} x {} px", frame.source, width,
+                  height, image_name, camera.width, camera.height);
 }
 
 void LookupOptions::Visit(OptionVisitor& v) {

@@ -101,6 +101,20 @@ TEST_F(LiftFeatures, IgnoreMasksOfASequence) {
   EXPECT_EQ(cv::countNonZero(other), static_cast<int>(other.total()));
 }
 
+TEST_F(LiftFeatures, IgnoreMasksOfAnotherShapeAreRefused) {
+  WriteImages();
+  const auto write_camera = [&](int height) {
+    inputs_.Write("images/camera.json",
+                  fmt::format(R"({{"model": "PINHOLE", "width": {}, "height": {},
+                                   "params": [500, 500, 320, 240]}})",
+                              2 * mask_size_.width, height));
+  };
+  write_camera(2 * mask_size_.height);
+  EXPECT_EQ(RunTool("s3-lift", IgnoreArguments()).exit_code, kDone);
+  write_camera(3 * mask_size_.height);
+  ExpectRefused(RunTool("s3-lift", IgnoreArguments()), testing::kBadInput, {"the mask is"});
+}
+
 TEST_F(LiftFeatures, IgnoreMasksGrowByTheMargin) {
   WriteImages();
   cv::Mat mask(mask_size_, CV_8UC3, cv::Scalar(0, 0, kRoad));

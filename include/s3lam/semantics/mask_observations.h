@@ -5,6 +5,7 @@
 #include <functional>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "s3lam/base/options.h"
@@ -86,6 +87,11 @@ struct LookupOptions {
 
   void Visit(OptionVisitor& v);
 };
+
+/// Throws InputError naming both sizes unless the mask is a scaled version of the image, to the
+/// nearest pixel.
+void CheckMaskShape(const PanopticFrame& frame, const Camera& camera,
+                    const std::string& image_name);
 
 /// Looks every keypoint that belongs to a point up in its image's mask, and the predicted pixels of
 /// points that the image shows but does not observe. A mask of another size but
