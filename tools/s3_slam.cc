@@ -247,7 +247,7 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   slam::Input input = MakeInput(opened, reader, ignore_masks);
   input.steps = checkpoint.get();
   input.save_every_s = arguments["checkpoint-every"].as<double>();
-  if (!(input.save_every_s > 0.0)) throw UsageError("--checkpoint-every must be positive");
+  if (!(input.save_every_s >= 0.0)) throw UsageError("--checkpoint-every must not be negative");
   const slam::Result result = slam::Run(options, input);
   nlohmann::json report = ToJson(result.report);
   provenance.AddTo(report);
