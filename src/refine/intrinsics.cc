@@ -21,33 +21,16 @@ constexpr int kBorderSteps = 8;
 constexpr double kDoubtfulShare = 0.04;
 constexpr size_t kMaxChecked = 5;  // Cameras, each of which takes about a second.
 
-/// One problem camera for all of a model and size; the others are left without poses.
-void ShareCameras(BundleMap& map) {
-  BundleProblem& problem = map.problem;
-  std::map<std::tuple<int, int, int>, int> first;
-  std::vector<int> replaced_by(problem.cameras.size());
-  for (size_t c = 0; c < problem.cameras.size(); ++c) {
-    const Camera& camera = problem.cameras[c];
-    const auto key = std::tuple(static_cast<int>(camera.model), camera.width, camera.height);
-    const int index = first.emplace(key, static_cast<int>(c)).first->second;
-    replaced_by[c] = index;
-    if (index == static_cast<int>(c)) continue;
-    auto& ids = map.camera_ids[index];
-    ids.insert(ids.end(), map.camera_ids[c].begin(), map.camera_ids[c].end());
-    map.camera_ids[c].clear();
-  }
-  for (int& camera : problem.camera_of_pose) camera = replaced_by[camera];
-}
-
 struct CameraUse {
   std::set<int> poses;
   int observations = 0;
 };
 
-std::vector<CameraUse> UseOfCameras(const BundleProblem& problem) {
+std::vector<CameraUse> UseOfCameras(const BundleProblem& problem,
+                                    const std::vector<int>& camera_of_pose) {
   std::vector<CameraUse> use(problem.cameras.size());
   for (const BundleObservation& o : problem.observations) {
-    CameraUse& of_camera = use[problem.camera_of_pose[o.pose]];
+    CameraUse& of_camera = use[camera_of_pose[o.pose]];
     of_camera.poses.insert(o.pose);
     ++of_camera.observations;
   }
@@ -59,10 +42,39 @@ bool TooFew(const IntrinsicsOptions& options, const CameraUse& use) {
          use.observations < options.min_observations;
 }
 
+/// One problem camera for all chosen ones of a model and size that together saw enough to be
+/// refined; the others of them are left without poses.
+void ShareCameras(const IntrinsicsOptions& options, const std::set<CameraId>& chosen,
+                  BundleMap& map) {
+  BundleProblem& problem = map.problem;
+  std::map<std::tuple<int, int, int>, int> first;
+  std::vector<int> replaced_by(problem.cameras.size());
+  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+    const int index = static_cast<int>(c);
+    replaced_by[c] = index;
+    if (!chosen.contains(map.camera_ids[c].front())) continue;
+    const Camera& camera = problem.cameras[c];
+    const auto key = std::tuple(static_cast<int>(camera.model), camera.width, camera.height);
+    replaced_by[c] = first.emplace(key, index).first->second;
+  }
+  std::vector<int> camera_of_pose = problem.camera_of_pose;
+  for (int& camera : camera_of_pose) camera = replaced_by[camera];
+  const std::vector<CameraUse> use = UseOfCameras(problem, camera_of_pose);
+  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+    const int index = replaced_by[c];
+    if (TooFew(options, use[index])) replaced_by[c] = static_cast<int>(c);
+    if (replaced_by[c] == static_cast<int>(c)) continue;
+    auto& ids = map.camera_ids[index];
+    ids.insert(ids.end(), map.camera_ids[c].begin(), map.camera_ids[c].end());
+    map.camera_ids[c].clear();
+  }
+  for (int& camera : problem.camera_of_pose) camera = replaced_by[camera];
+}
+
 /// Ascending, of those that enough was taken with.
 std::vector<size_t> MostUsedCameras(const IntrinsicsOptions& options,
                                     const BundleProblem& problem) {
-  const std::vector<CameraUse> use = UseOfCameras(problem);
+  const std::vector<CameraUse> use = UseOfCameras(problem, problem.camera_of_pose);
   std::vector<size_t> cameras;
   for (size_t c = 0; c < use.size(); ++c) {
     if (!TooFew(options, use[c])) cameras.push_back(c);
@@ -129,7 +141,7 @@ void IntrinsicsOptions::Visit(OptionVisitor& v) {
           "with it the other terms of distortion too, which take up what bends in a map more than "
           "what lenses do");
   v.Value("shared", shared,
-          "all cameras of one model and image size are one, starting as the first of them");
+          "the refined cameras of one model and image size are one, starting as the first of them");
   v.Value(
       "check_distortion", check_distortion,
       "where cameras are kept, tell if a refined lens distortion would explain much better what "
@@ -166,8 +178,8 @@ std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel mod
 std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map) {
   BundleProblem& problem = map.problem;
   const std::set<CameraId> chosen = ChosenCameras(options, map);
-  if (options.shared) ShareCameras(map);
-  const std::vector<CameraUse> use = UseOfCameras(problem);
+  if (options.shared) ShareCameras(options, chosen, map);
+  const std::vector<CameraUse> use = UseOfCameras(problem, problem.camera_of_pose);
   problem.free_camera_params.assign(problem.cameras.size(), {});
   std::vector<IntrinsicsReport> reports;
   for (size_t c = 0; c < problem.cameras.size(); ++c) {

@@ -114,6 +114,26 @@ TEST(RefineIntrinsics, CamerasAreRefinedApartTogetherOrByChoice) {
   EXPECT_THROW(refine::Run(MakeOptions(assignments), input, chosen), InputError);
 }
 
+TEST(RefineIntrinsics, CamerasThatAreKeptAreSharedWithNone) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = WithTwoCameras(map);
+  const CameraId first = input.model.cameras.begin()->first;
+  const CameraId second(50);
+  input.model.cameras.at(second).params[0] *= 1.002;
+  auto assignments = kPlainWithFocal;
+  assignments.push_back("intrinsics.shared=true");
+  for (const char* chosen : {R"(intrinsics.cameras=["50"])", "intrinsics.min_images=17"}) {
+    auto with_choice = assignments;
+    with_choice.emplace_back(chosen);
+    Output output;
+    const Report report = refine::Run(MakeOptions(with_choice), input, output);
+    EXPECT_EQ(output.model.cameras.at(first).params, input.model.cameras.at(first).params)
+        << chosen;
+    EXPECT_EQ(report.cameras.size(), 2u);
+    EXPECT_FALSE(report.cameras[0].refined);
+  }
+}
+
 TEST(RefineIntrinsics, ACameraThatHardlyAnythingWasTakenWithIsKept) {
   const SyntheticMap map = MakeDeskMap();
   auto assignments = kPlainWithFocal;
