@@ -50,9 +50,8 @@ bool HoldEverything(const BundleProblem& problem, const std::vector<uint8_t>& us
   }
   int previous = -1;
   for (const BundleObservation& o : problem.observations) {
-    if (o.point == previous || problem.point_is_constant.empty()) continue;
+    if (o.point == previous || !problem.IsConstantPoint(o.point)) continue;
     previous = o.point;
-    if (problem.point_is_constant[o.point] == 0) continue;
     places.push_back(problem.points[o.point]);
   }
   return SpanPlane(places) || (full_poses >= 1 && DifferentPlaces(places));

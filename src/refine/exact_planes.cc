@@ -49,9 +49,7 @@ std::vector<int> ExactPlaneOfPoint(const ExactPlanes& exact, const BundleProblem
     const int i = terms[t].point;
     const bool alone =
         (t == 0 || terms[t - 1].point != i) && (t + 1 == terms.size() || terms[t + 1].point != i);
-    const bool is_constant =
-        !problem.point_is_constant.empty() && problem.point_is_constant[i] != 0;
-    if (alone && !is_constant && exact.is_exact[terms[t].plane] != 0 &&
+    if (alone && !problem.IsConstantPoint(i) && exact.is_exact[terms[t].plane] != 0 &&
         exact.point_is_freed[i] == 0) {
       plane[i] = terms[t].plane;
     }

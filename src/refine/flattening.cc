@@ -47,10 +47,9 @@ class OnlyPointsFree {
 
 void FlattenPoints(const BundleSolverOptions& solver, const PlaneSigmaOptions& sigma,
                    const PlaneModel& planes, BundleProblem& problem) {
-  const bool has_free_points = std::any_of(
-      problem.points_on_planes.begin(), problem.points_on_planes.end(), [&](const auto& term) {
-        return problem.point_is_constant.empty() || problem.point_is_constant[term.point] == 0;
-      });
+  const bool has_free_points =
+      std::any_of(problem.points_on_planes.begin(), problem.points_on_planes.end(),
+                  [&](const auto& term) { return !problem.IsConstantPoint(term.point); });
   if (sigma.kind != PlaneSigmaKind::kPixel || !has_free_points) return;
   const OnlyPointsFree scope(problem);
   for (PointOnPlane& term : problem.points_on_planes) {

@@ -230,7 +230,7 @@ void NormalEquations::LinearizeChunk(const BundleState& state, size_t chunk, Sum
     hessian_[p] = hessian;
     gradient_[p] = gradient;
     factor_[p].setIdentity();
-    if (!problem_.point_is_constant.empty() && problem_.point_is_constant[p] != 0) HoldPoint(p);
+    if (problem_.IsConstantPoint(static_cast<int>(p))) HoldPoint(p);
   }
   sums.cost *= 0.5;
 }

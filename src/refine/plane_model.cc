@@ -239,8 +239,9 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
       if (stays) {
         is_member = was_member && model.keypoint_size[i] > 0.0;
       } else if (model.keypoint_size[i] > 0.0) {
+        const bool was_pulled = was_member && !problem.IsConstantPoint(i);
         const double innovation =
-            Innovation(Distance(problem, static_cast<int>(k), i), variance, sigma_i, was_member);
+            Innovation(Distance(problem, static_cast<int>(k), i), variance, sigma_i, was_pulled);
         is_member = innovation <= options.max_sigma &&
                     std::sqrt(variance + sigma_i * sigma_i) <= state.max_uncertainty;
         counts.outliers += !is_member;

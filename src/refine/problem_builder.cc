@@ -277,7 +277,11 @@ Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& orig
     result.images.at(element.image_id).points2D[element.point2D_index].point_id = id;
     if (id.valid()) result.points.at(id).track.push_back(element);
   }
-  std::erase_if(result.points, [](const auto& entry) { return entry.second.track.empty(); });
+  for (size_t j = 0; j < map.point_ids.size(); ++j) {
+    const bool is_held = map.problem.IsConstantPoint(static_cast<int>(j));
+    const auto point = result.points.find(map.point_ids[j]);
+    if (point->second.track.empty() && !is_held) result.points.erase(point);
+  }
   UpdatePointErrors(result);
   return result;
 }

@@ -117,10 +117,6 @@ std::optional<Eigen::Vector3d> BestPlace(const Observer& observer, const Rays& a
   return place;
 }
 
-bool IsConstant(const BundleProblem& problem, size_t point) {
-  return !problem.point_is_constant.empty() && problem.point_is_constant[point] != 0;
-}
-
 /// Pairs of points near each other, found through a grid of cubes.
 class NearbyPoints {
  public:
@@ -246,7 +242,7 @@ size_t RetriangulatePoints(const RetriangulationOptions& options, const OutlierO
   const auto ranges = RangesOfPoints(map);
   for (size_t i = 0; i < ranges.size(); ++i) {
     const auto [begin, end] = ranges[i];
-    if (end - begin < 2 || IsConstant(map.problem, i)) continue;
+    if (end - begin < 2 || map.problem.IsConstantPoint(static_cast<int>(i))) continue;
     size_t fitting = 0;
     for (size_t k = begin; k < end; ++k) {
       fitting += observer.Error(k, map.problem.points[i]) <= max_error_px;
@@ -291,7 +287,9 @@ size_t MergePoints(const RetriangulationOptions& options, double sigma_px, Bundl
   std::vector<int> chosen;
   std::vector<double> sizes;
   for (size_t i = 0; i < pixel_size.size(); ++i) {
-    if (!(pixel_size[i] > 0.0) || !map.looks[i].is_known || IsConstant(map.problem, i)) continue;
+    if (!(pixel_size[i] > 0.0) || !map.looks[i].is_known ||
+        map.problem.IsConstantPoint(static_cast<int>(i)))
+      continue;
     chosen.push_back(static_cast<int>(i));
     sizes.push_back(pixel_size[i]);
   }

@@ -78,6 +78,40 @@ TEST(RefineConstraints, ConstantImagesAndPointsStayToTheLastBit) {
   EXPECT_GT(report.arms.back().pose_moved_max, 0.0);
 }
 
+TEST(RefineConstraints, AConstantPointStaysWithoutItsObservations) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
+  const PointId id = input.model.points.begin()->first;
+  input.constraints.constant_points.insert(id);
+  for (const TrackElement& element : input.model.points.at(id).track) {
+    input.model.images.at(element.image_id).points2D[element.point2D_index].xy.array() += 100.0;
+  }
+  Output output;
+  refine::Run(MakeOptions({}), input, output);
+  ASSERT_TRUE(output.model.points.contains(id));
+  EXPECT_EQ(output.model.points.at(id).xyz, input.model.points.at(id).xyz);
+  EXPECT_TRUE(output.model.points.at(id).track.empty());
+}
+
+TEST(RefineConstraints, MembershipOfConstantPointsSettles) {
+  const SyntheticMap map = MakeDeskMap({"center_sigma=0", "rotation_sigma_deg=0"});
+  Input input = MakeInput(map);
+  for (const auto& [id, point] : map.estimate.points) input.constraints.constant_points.insert(id);
+  const Options options;
+  BundleMap bundle = BuildBundleMap(input.model);
+  SelectObservations(options.outliers, 1.0, true, bundle);
+  ApplyConstraints(input.constraints, bundle);
+  PlaneModel planes = BuildPlaneModel(options.planes.membership, input.semantics, bundle);
+  FreezeUncertainty(bundle.problem, 1.0, planes);
+  InitialisePlanes(options.planes, 1.0, planes, bundle.problem);
+  const auto assign = [&] {
+    return AssignPoints(options.planes.membership, options.planes.sigma, 1.0, planes,
+                        bundle.problem);
+  };
+  EXPECT_GT(assign().members, 100u);
+  EXPECT_EQ(assign().changed, 0u);
+}
+
 TEST(RefineConstraints, GivenPosesCanBeKeptWhileThePointsAreAdjusted) {
   const SyntheticMap map = MakeDeskMap({"center_sigma=0", "rotation_sigma_deg=0"});
   Input input = MakeInput(map);

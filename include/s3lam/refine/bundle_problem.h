@@ -104,6 +104,9 @@ struct BundleProblem {
 
   /// For every pose: has it observations?
   [[nodiscard]] std::vector<uint8_t> UsedPoses() const;
+  [[nodiscard]] bool IsConstantPoint(int point) const {
+    return !point_is_constant.empty() && point_is_constant[point] != 0;
+  }
   /// The centre of a pose's camera, in the world.
   [[nodiscard]] Eigen::Vector3d CenterOf(int pose) const;
 };

@@ -89,8 +89,8 @@ std::vector<double> PixelSizes(const BundleProblem& problem);
 std::vector<double> KeypointSizes(const BundleProblem& problem);
 
 /// The reconstruction with refined cameras, poses and points, without the observations that are not
-/// in use and the points that have fewer than two left. Images that were not in the problem keep
-/// their pose.
+/// in use and the points that have fewer than two left, but for constant ones. Images that were not
+/// in the problem keep their pose.
 Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& original);
 
 }  // namespace s3lam
