@@ -29,9 +29,9 @@ constexpr int kMaxRefusedSteps = 20;
 // So a system is factored whenever its factor fits into 2 GB; the limit to the arithmetic is a
 // guess at what nobody waits for.
 constexpr int kMaxDenseRows = 300;
-constexpr double kMaxFactorEntries = 2.5e8;
+constexpr size_t kMaxFactorEntries = 250'000'000;
 constexpr double kMaxFactorFlops = 1e13;
-constexpr size_t kMaxMatrixValues = 2'000'000'000;
+constexpr size_t kMaxMatrixValues = 2'000'000'000;  // Of a solver that was asked for.
 constexpr int kMaxConjugateGradients = 500;
 constexpr double kConjugateGradientTolerance = 1e-3;
 
@@ -41,17 +41,19 @@ class ReducedSystem {
   ReducedSystem(const BundleSolverOptions& options, const BundleProblem& problem,
                 const std::vector<StructureTerm>& terms, const SchurLayout& layout) {
     if (options.linear_solver == LinearSolver::kIterativeSchur) return;
+    const bool is_auto = options.linear_solver == LinearSolver::kAuto;
+    // A factor has at least the entries of its matrix.
     const auto coupled =
-        FindCoupledVariables(problem, terms, layout, kMaxMatrixValues, options.num_threads);
+        FindCoupledVariables(problem, terms, layout, is_auto ? kMaxFactorEntries : kMaxMatrixValues,
+                             options.num_threads);
     if (coupled.size() < layout.size.size()) return;
     matrix_ = BlockMatrix(layout.size, coupled);
     const bool small = layout.num_rows() <= kMaxDenseRows;
-    is_dense_ = options.linear_solver == LinearSolver::kDenseSchur ||
-                (options.linear_solver == LinearSolver::kAuto && small);
+    is_dense_ = options.linear_solver == LinearSolver::kDenseSchur || (is_auto && small);
     factor_ = is_dense_ ? MakeDenseCholesky(matrix_) : MakeSparseCholesky(matrix_);
-    const bool too_large =
-        factor_->num_entries() > kMaxFactorEntries || factor_->num_flops() > kMaxFactorFlops;
-    if (options.linear_solver == LinearSolver::kAuto && too_large) {
+    const bool too_large = factor_->num_entries() > static_cast<double>(kMaxFactorEntries) ||
+                           factor_->num_flops() > kMaxFactorFlops;
+    if (is_auto && too_large) {
       factor_.reset();
       matrix_ = BlockMatrix();
       return;
