@@ -6,8 +6,7 @@
 namespace s3lam {
 namespace {
 
-/// A baseline shorter than this part of the distance from the first keyframe tells nothing of
-/// scale.
+/// A baseline shorter than this part of the distance from the world's origin may be rounding.
 constexpr double kMinBaselineRatio = 1e-6;
 /// A local change of scale beyond this is noise of a short baseline, not drift.
 constexpr double kMaxScaleChange = 2.0;

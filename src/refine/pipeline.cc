@@ -1,7 +1,6 @@
 #include "s3lam/refine/pipeline.h"
 
 #include <algorithm>
-#include <array>
 #include <set>
 
 #include "s3lam/base/error.h"
@@ -9,6 +8,7 @@
 #include "s3lam/refine/constraints.h"
 #include "s3lam/refine/frames.h"
 #include "s3lam/refine/plane_output.h"
+#include "world.h"
 
 namespace s3lam::refine {
 namespace {
@@ -27,16 +27,10 @@ void CheckUsable(const BundleMap& map) {
   }
 }
 
-std::vector<uint8_t> UsedPoses(const BundleProblem& problem) {
-  std::vector<uint8_t> used(problem.poses.size(), 0);
-  for (const BundleObservation& o : problem.observations) used[o.pose] = 1;
-  return used;
-}
-
 /// The refined images as keyframes that carry others along, at the given times.
 std::vector<MovedKeyframe> MovedKeyframes(const Reconstruction& original, const BundleMap& map,
                                           const std::vector<double>& times) {
-  const std::vector<uint8_t> used = UsedPoses(map.problem);
+  const std::vector<uint8_t> used = map.problem.UsedPoses();
   std::vector<MovedKeyframe> moved;
   for (size_t i = 0; i < map.image_ids.size(); ++i) {
     if (used[i] == 0) continue;
@@ -50,7 +44,7 @@ std::vector<MovedKeyframe> MovedKeyframes(const Reconstruction& original, const 
 void CarryUnusedImages(const Reconstruction& original, BundleMap& map) {
   std::vector<double> order(map.image_ids.size());
   for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<double>(i);
-  const std::vector<uint8_t> used = UsedPoses(map.problem);
+  const std::vector<uint8_t> used = map.problem.UsedPoses();
   const std::vector<MovedKeyframe> keyframes = MovedKeyframes(original, map, order);
   for (size_t i = 0; i < used.size(); ++i) {
     if (used[i] != 0 || map.problem.pose_is_constant[i] != 0) continue;
@@ -75,71 +69,6 @@ void MoveTrajectories(const Options& options, const Input& input, const BundleMa
   for (const auto& [id, image] : output.model.images) {
     output.keyframes.push_back({input.image_times_s[i++], image.cam_from_world.Inverse()});
   }
-}
-
-void TransformTrajectory(const Similarity3& new_from_old, Trajectory& trajectory) {
-  for (TimedPose& pose : trajectory) {
-    pose.world_from_camera =
-        TransformCameraPose(new_from_old, pose.world_from_camera.Inverse()).Inverse();
-  }
-}
-
-/// A map and what is known of it into another world, or other units.
-void TransformMap(const Similarity3& new_from_old, Reconstruction& model, SemanticMap& semantics) {
-  TransformReconstruction(new_from_old, model);
-  for (auto& [id, cluster] : semantics.clusters) {
-    cluster.centroid_in_world = new_from_old * cluster.centroid_in_world;
-  }
-  for (auto& [id, surface] : semantics.planes) {
-    surface.plane_in_world = TransformPlane(new_from_old, surface.plane_in_world);
-    surface.centroid_in_world = new_from_old * surface.centroid_in_world;
-    surface.axis_u_in_world = new_from_old.rotation * surface.axis_u_in_world;
-    surface.axis_v_in_world = new_from_old.rotation * surface.axis_v_in_world;
-    for (Eigen::Vector2d& corner : surface.extent) corner *= new_from_old.scale;
-    surface.rms *= new_from_old.scale;
-    // Two rotations [rad] about the axes and a shift [map units].
-    surface.covariance.row(2) *= new_from_old.scale;
-    surface.covariance.col(2) *= new_from_old.scale;
-  }
-  semantics.model_fingerprint = FingerprintOfModel(model);
-}
-
-void TransformOutput(const Similarity3& new_from_old, Output& output) {
-  TransformMap(new_from_old, output.model, output.semantics);
-  TransformTrajectory(new_from_old, output.keyframes);
-  TransformTrajectory(new_from_old, output.frames);
-}
-
-/// In metres, by the known height of the camera; upright, by the classes that are level or upright.
-/// Returns how the output was transformed.
-Similarity3 ChooseWorld(const Options& options, Output& output, Report& report) {
-  Similarity3 new_from_old;
-  if (report.ground.in_use && options.camera_height.value > 0.0) {
-    report.metres_per_unit = options.camera_height.value / report.ground.height;
-    new_from_old.scale = report.metres_per_unit;
-    TransformOutput(new_from_old, output);
-  }
-  if (options.gravity.mode == GravityMode::kOff) return new_from_old;
-  const auto upright_from_world =
-      AlignWithGravity(options.gravity, output.semantics, output.model, report.gravity);
-  if (!upright_from_world) {
-    spdlog::warn("the output is not aligned with gravity: {}", report.gravity.reason);
-    return new_from_old;
-  }
-  TransformOutput(*upright_from_world, output);
-  return *upright_from_world * new_from_old;
-}
-
-void WarnOfMovedWorld(const Constraints& constraints, const Similarity3& new_from_old) {
-  const bool is_held = !constraints.constant_images.empty() ||
-                       !constraints.constant_points.empty() || !constraints.pose_priors.empty();
-  const bool is_moved = new_from_old.scale != 1.0 ||
-                        new_from_old.rotation.vec() != Eigen::Vector3d::Zero() ||
-                        new_from_old.translation != Eigen::Vector3d::Zero();
-  if (!is_held || !is_moved) return;
-  spdlog::warn(
-      "the output is in another world than its constant parts and pose priors were: "
-      "camera_height.value sets the scale anew, gravity.mode the rotation");
 }
 
 /// Covariances at the solution, for what the output has.
@@ -176,7 +105,7 @@ double HeldDistance(const BundleProblem& problem) {
 void CountUse(const BundleMap& map, Report& report) {
   report.num_images = map.image_ids.size();
   report.num_points = map.point_ids.size();
-  for (const uint8_t used : UsedPoses(map.problem)) report.num_images_in_use += used;
+  for (const uint8_t used : map.problem.UsedPoses()) report.num_images_in_use += used;
   int previous = -1;
   for (const BundleObservation& o : map.problem.observations) {
     report.num_points_in_use += o.point != previous;
@@ -186,19 +115,20 @@ void CountUse(const BundleMap& map, Report& report) {
 
 /// Bundle adjustment without planes, with the camera parameters that may change; again from the
 /// start with all cameras kept if one ends where it cannot be believed. From here on cameras stay.
-std::vector<OuterIteration> AdjustCameras(Options& options, BundleMap& map,
-                                          std::vector<IntrinsicsReport>& reports) {
+/// Returns the parameters that were refined, per camera of the problem; empty: none.
+std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Report& report) {
   if (!options.intrinsics.Any()) {
-    auto iterations = AdjustPlain(options, map);
+    report.iterations = AdjustPlain(options, map);
     if (options.intrinsics.check_distortion) {
-      reports = CheckDistortion(options.intrinsics, options.solver.sigma_px, map);
+      report.cameras = CheckDistortion(options.intrinsics, options.solver.sigma_px, map);
     }
-    return iterations;
+    return {};
   }
   const BundleMap given = map;
-  reports = FreeIntrinsics(options.intrinsics, map);
+  report.cameras = FreeIntrinsics(options.intrinsics, map);
   const std::vector<Camera> before = map.problem.cameras;
-  auto iterations = AdjustPlain(options, map);
+  report.iterations = AdjustPlain(options, map);
+  std::vector<std::vector<int>> refined = std::move(map.problem.free_camera_params);
   map.problem.free_camera_params.clear();
   std::string doubts;
   for (size_t c = 0; c < before.size() && doubts.empty(); ++c) {
@@ -209,19 +139,20 @@ std::vector<OuterIteration> AdjustCameras(Options& options, BundleMap& map,
   if (!doubts.empty()) {
     spdlog::warn("all cameras are kept as given: {}", doubts);
     map = given;
-    iterations = AdjustPlain(options, map);
+    refined.clear();
+    report.iterations = AdjustPlain(options, map);
   }
-  for (IntrinsicsReport& report : reports) {
-    if (report.refined && !doubts.empty()) report.reason = doubts;
-    report.refined = report.refined && doubts.empty();
+  for (IntrinsicsReport& camera : report.cameras) {
+    if (camera.refined && !doubts.empty()) camera.reason = doubts;
+    camera.refined = camera.refined && doubts.empty();
     for (size_t c = 0; c < map.camera_ids.size(); ++c) {
       const auto& ids = map.camera_ids[c];
-      if (std::find(ids.begin(), ids.end(), report.cameras.front()) == ids.end()) continue;
-      report.model_after = CameraModelName(map.problem.cameras[c].model);
-      report.after = map.problem.cameras[c].params;
+      if (std::find(ids.begin(), ids.end(), camera.cameras.front()) == ids.end()) continue;
+      camera.model_after = CameraModelName(map.problem.cameras[c].model);
+      camera.after = map.problem.cameras[c].params;
     }
   }
-  return iterations;
+  return refined;
 }
 
 void CountExactPlanes(const BundleProblem& problem, Report& report) {
@@ -241,9 +172,21 @@ std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_
   return {};
 }
 
-Report RunInWorld(const Options& given, const Input& input, Output& output) {
+void WarnOf(const std::vector<PlaneDistance>& unused) {
+  for (const PlaneDistance& known : unused) {
+    spdlog::warn(
+        "the known distance of planes {} and {} is not used: the planes are off, too few points "
+        "are on them, or those of the ground under the cameras stand for them",
+        known.a.value(), known.b.value());
+  }
+}
+
+Report RunInWorld(const Options& given_options, const Input& given, Output& output) {
+  const auto place = FarPlaceOf(given.model);
+  const Input shifted = place ? BroughtToOrigin(*place, given) : Input{};
+  const Input& input = place ? shifted : given;
   Report report;
-  Options options = given;
+  Options options = given_options;
   SolveJournal journal(input.steps);
   options.journal = &journal;
   BundleMap map;
@@ -260,9 +203,10 @@ Report RunInWorld(const Options& given, const Input& input, Output& output) {
   }
   std::vector<ArmState> arms{Snapshot("input", map)};
   const double held_distance = HeldDistance(map.problem);
+  std::vector<std::vector<int>> refined_camera_params;
   {
     const ScopedStep step(report.seconds, "plain");
-    report.iterations = AdjustCameras(options, map, report.cameras);
+    refined_camera_params = AdjustCameras(options, map, report);
     arms.push_back(Snapshot("plain", map));
   }
   const double sigma_px = options.solver.sigma_px;
@@ -276,6 +220,8 @@ Report RunInWorld(const Options& given, const Input& input, Output& output) {
     const auto planar = AdjustPlanar(options, input.semantics, planes, map, report.ground);
     report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
     if (!planar.empty()) arms.push_back(Snapshot("planar", map));
+    const auto& distances = input.constraints.plane_distances;
+    WarnOf(planar.empty() ? distances : UnusedDistances(distances, planes, map.problem));
   }
   const ScopedStep step(report.seconds, "output");
   report.gauge_scale_change = HeldDistance(map.problem) / held_distance - 1.0;
@@ -298,10 +244,12 @@ Report RunInWorld(const Options& given, const Input& input, Output& output) {
       RefinedSemantics(input.semantics, planes, map, output.model, options.planes.sigma, sigma_px);
   MoveTrajectories(options, input, map, output, report);
   const SemanticMap semantics = output.semantics;
-  const Similarity3 new_from_old = ChooseWorld(options, output, report);
-  WarnOfMovedWorld(input.constraints, new_from_old);
+  if (place) ReturnToPlace(*place, given, output);
+  const Similarity3 new_from_old = ChooseWorld(options, input.constraints, output, report);
   if (options.covariance.enabled) {
     const ScopedStep covariance_step(report.seconds, "covariance");
+    // What poses and planes are uncertain by because the cameras are, too.
+    map.problem.free_camera_params = std::move(refined_camera_params);
     AddCovariance(options, map, planes, semantics, new_from_old, output);
   }
   report.peak_memory_mib = PeakMemoryMiB();
@@ -329,16 +277,14 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("outer", outer, "Rounds of solving and choosing inliers.");
 }
 
-Report Run(const Options& given, const Input& given_input, Output& output) {
-  if (const auto world = PriorWorldFromModel(given_input.constraints, given_input.model)) {
-    spdlog::info("the map is brought into the world of the pose priors, {:.6g} times as large",
-                 world->scale);
-    Input moved = given_input;
-    TransformMap(*world, moved.model, moved.semantics);
-    TransformTrajectory(*world, moved.frames);
-    return RunInWorld(given, moved, output);
-  }
-  return RunInWorld(given, given_input, output);
+Report Run(const Options& options, const Input& input, Output& output) {
+  const auto priors_world = PriorWorldFromModel(input.constraints, input.model);
+  if (!priors_world) return RunInWorld(options, input, output);
+  spdlog::info("the map is brought into the world of the pose priors, {:.6g} times as large",
+               priors_world->scale);
+  Input moved = input;
+  TransformInput(*priors_world, moved);
+  return RunInWorld(options, moved, output);
 }
 
 }  // namespace s3lam::refine

@@ -8,7 +8,6 @@
 #include <numbers>
 
 #include "s3lam/base/error.h"
-#include "s3lam/base/log.h"
 #include "s3lam/base/statistics.h"
 #include "s3lam/robust/plane_fit.h"
 
@@ -226,11 +225,7 @@ void AddKnownDistances(const RelationOptions& options, const std::vector<PlaneDi
     term.relation = PlaneRelation::kAtDistance;
     term.plane_a = index_of(known.a);
     term.plane_b = index_of(known.b);
-    if (term.plane_a < 0 || term.plane_b < 0) {
-      spdlog::warn("the distance of planes {} and {} is not used: too few points are on them",
-                   known.a.value(), known.b.value());
-      continue;
-    }
+    if (term.plane_a < 0 || term.plane_b < 0) continue;
     const AnchoredPlane& a = problem.planes[term.plane_a];
     const AnchoredPlane& b = problem.planes[term.plane_b];
     const double angle = PlaneAngle(a.PlaneInWorld(), b.PlaneInWorld()) / kRadians;
@@ -245,6 +240,21 @@ void AddKnownDistances(const RelationOptions& options, const std::vector<PlaneDi
     term.distance = std::copysign(known.distance, step);
     problem.relations.push_back(term);
   }
+}
+
+std::vector<PlaneDistance> UnusedDistances(const std::vector<PlaneDistance>& distances,
+                                           const PlaneModel& model, const BundleProblem& problem) {
+  std::vector<PlaneDistance> unused;
+  for (const PlaneDistance& known : distances) {
+    const bool is_used = std::any_of(
+        problem.relations.begin(), problem.relations.end(), [&](const RelationTerm& term) {
+          return term.relation == PlaneRelation::kAtDistance &&
+                 std::minmax(model.planes[term.plane_a].id, model.planes[term.plane_b].id) ==
+                     std::minmax(known.a, known.b);
+        });
+    if (!is_used) unused.push_back(known);
+  }
+  return unused;
 }
 
 std::vector<RelationTerm> ProposeRelations(const RelationOptions& options,

@@ -153,6 +153,23 @@ TEST(Covariance, PlanesWithoutPointsDoNoHarm) {
   EXPECT_LT((*after->planes[0] - *before->planes[0]).norm(), 1e-12 * before->planes[0]->norm());
 }
 
+TEST(Covariance, CamerasThatWereRefinedMakePosesLessCertain) {
+  const SyntheticMap map = MakeDeskMap();
+  Output kept;
+  Output refined;
+  refine::Run(MakeOptions({"covariance.enabled=true", "planes.mode=off"}), MakeInput(map), kept);
+  const Report report = refine::Run(
+      MakeOptions({"covariance.enabled=true", "planes.mode=off", "intrinsics.focal_length=true"}),
+      MakeInput(map), refined);
+  ASSERT_TRUE(report.cameras.front().refined);
+  ASSERT_TRUE(refined.covariance.computed);
+  double largest = 0.0;
+  for (const auto& [id, matrix] : kept.covariance.poses) {
+    largest = std::max(largest, refined.covariance.poses.at(id).trace() / matrix.trace());
+  }
+  EXPECT_GT(largest, 1.5);
+}
+
 /// The same problem with other noise many times: the poses scatter as the covariance says.
 TEST(Covariance, IsTheScatterOverManyDraws) {
   Reconstruction truth = SmallModel();

@@ -320,6 +320,22 @@ TEST(RefineRelations, DistancesOfPlanesThatCannotHaveOneAreRefused) {
   FAIL() << "no planes at an angle";
 }
 
+TEST(RefineRelations, DistancesThatNothingStandsForAreFound) {
+  PlaneModel model;
+  for (uint32_t id : {4, 7, 9}) {
+    model.planes.emplace_back();
+    model.planes.back().id = PlaneId(id);
+  }
+  BundleProblem problem;
+  problem.relations.push_back({PlaneRelation::kAtDistance, 0, 1});
+  problem.relations.push_back({PlaneRelation::kParallel, 0, 2});
+  const std::vector<PlaneDistance> known{{PlaneId(7), PlaneId(4), 1.0, 0.1},
+                                         {PlaneId(4), PlaneId(9), 1.0, 0.1}};
+  const auto unused = UnusedDistances(known, model, problem);
+  ASSERT_EQ(unused.size(), 1u);
+  EXPECT_EQ(unused.front().b, PlaneId(9));
+}
+
 // ---- degenerate input: a clear error or a sound result ----
 
 }  // namespace

@@ -29,11 +29,16 @@ double StepBetween(const Plane& a, const Plane& b, const Eigen::Vector3d& place_
 
 /// Ties planes whose distance is known to it, and to being parallel up to sigma_deg, whatever the
 /// options say of relations that are proposed. Throws InputError for planes that the semantic map
-/// does not have or that are far from parallel; warns of planes that have too few points to be
-/// used.
+/// does not have or that are far from parallel. Planes that have too few points to be used are left
+/// out.
 void AddKnownDistances(const RelationOptions& options, const std::vector<PlaneDistance>& distances,
                        const SemanticMap& semantics, const PlaneModel& model,
                        BundleProblem& problem);
+
+/// Known distances that no term of the problem stands for: of planes with too few points near them,
+/// or of the ground, whose planes make way for those under the cameras.
+std::vector<PlaneDistance> UnusedDistances(const std::vector<PlaneDistance>& distances,
+                                           const PlaneModel& model, const BundleProblem& problem);
 
 /// Relations between the planes in use (those of the ground apart), on evidence:
 ///   parallel    within max_parallel_deg and three sigmas of the two normals,
