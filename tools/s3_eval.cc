@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 
 #include "common/config_files.h"
@@ -32,7 +33,8 @@ constexpr const char* kDescription =
     "        consecutive poses, per length, and over KITTI's segments. --time-offset allows for\n"
     "        clocks that differ, and tells the ATE without and with it.\n"
     "--planes                     angles between the planes of semantics.json or planes.json.\n"
-    "--model, --semantics         how flat the points of each labelled plane lie.\n"
+    "--model, --semantics         how flat the points of each labelled plane lie; with the\n"
+    "        semantics of this model, or of the one that s3-refine made it of.\n"
     "--known-planes               planes (of --planes, or else those that fit the points of\n"
     "        --model and --semantics best) against known ones, in the alignment of the "
     "trajectory.\n"
@@ -111,14 +113,37 @@ void MeasureModels(const po::variables_map& arguments, const TrajectoryErrorOpti
   WritePoses(arguments, difference->poses, difference->names);
 }
 
+/// Of the model that s3-refine made this one of, by the report beside it; empty for other models.
+std::optional<std::string> FingerprintBeforeRefinement(const std::filesystem::path& model) {
+  const std::filesystem::path report = model / "report.json";
+  if (!std::filesystem::exists(report)) return std::nullopt;
+  const nlohmann::json document = ReadJson(report);
+  if (!document.is_object()) return std::nullopt;
+  const auto fingerprint = document.find("input_model_fingerprint");
+  if (fingerprint == document.end() || !fingerprint->is_string()) return std::nullopt;
+  return fingerprint->get<std::string>();
+}
+
+/// The semantic map of the model. One of the model before its refinement will do, which kept the
+/// ids of the points: that is how maps before and after are compared.
+SemanticMap ReadSemantics(const std::string& directory, const Reconstruction& model,
+                          const std::filesystem::path& model_directory) {
+  SemanticMap map = ReadSemanticMap(directory);
+  if (FingerprintBeforeRefinement(model_directory) != map.model_fingerprint) {
+    CheckMadeFromModel(map, FingerprintOfModel(model), directory);
+  }
+  return map;
+}
+
 std::vector<PlaneCloud> MeasureClouds(const po::variables_map& arguments,
                                       const Similarity3& truth_from_estimate, Result& result) {
-  const Reconstruction model = ReadColmapModel(Required(arguments, "model"));
-  const SemanticMap map = ReadSemanticMap(Required(arguments, "semantics"));
+  const std::string model_directory = Required(arguments, "model");
+  const Reconstruction model = ReadColmapModel(model_directory);
+  const SemanticMap map = ReadSemantics(Required(arguments, "semantics"), model, model_directory);
   auto clouds = MeasurePlaneClouds(model, map, truth_from_estimate.scale);
   if (clouds.empty()) {
     ThrowInputError("{}: no plane has points in {}", arguments["semantics"].as<std::string>(),
-                    arguments["model"].as<std::string>());
+                    model_directory);
   }
   result.Add("cloud", ToTable(clouds), ToJson(clouds));
   return clouds;

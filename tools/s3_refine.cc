@@ -80,13 +80,7 @@ SemanticMap ReadSemantics(const fs::path& directory, const Reconstruction& model
   }
   SemanticMap semantics = ReadSemanticMap(directory);
   CheckSemanticMap(semantics, model, directory.string());
-  const std::string fingerprint = FingerprintOfModel(model);
-  if (semantics.model_fingerprint != fingerprint) {
-    ThrowInputError(
-        "{}: made from another model (its fingerprint is {}, the model's {}): run s3-lift on this "
-        "one",
-        directory.string(), semantics.model_fingerprint, fingerprint);
-  }
+  CheckMadeFromModel(semantics, FingerprintOfModel(model), directory.string());
   return semantics;
 }
 
@@ -181,6 +175,8 @@ void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   report.seconds["read"] = read_s;
   nlohmann::json figures = ToJson(report);
   provenance.AddTo(figures);
+  // Which model's semantic map has the ids of this one's points.
+  figures["input_model_fingerprint"] = FingerprintOfModel(input.model);
   WriteOutput(model, options, output, report, figures, directory.path());
   directory.Commit();
   if (checkpoint) checkpoint->Remove();

@@ -75,4 +75,13 @@ std::string FingerprintOfModel(const Reconstruction& reconstruction) {
                      hash);
 }
 
+void CheckMadeFromModel(const SemanticMap& map, const std::string& fingerprint,
+                        const std::string& source) {
+  if (map.model_fingerprint == fingerprint) return;
+  ThrowInputError(
+      "{}: made from another model (its fingerprint is {}, the model's {}): run s3-lift on this "
+      "one",
+      source, map.model_fingerprint, fingerprint);
+}
+
 }  // namespace s3lam

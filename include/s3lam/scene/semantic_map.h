@@ -95,4 +95,9 @@ void CheckSemanticMap(const SemanticMap& map, const Reconstruction& reconstructi
 /// poses or the places of its points change.
 std::string FingerprintOfModel(const Reconstruction& reconstruction);
 
+/// Throws InputError naming `source` unless the map was made from the model of this fingerprint:
+/// the same ids would mean other points.
+void CheckMadeFromModel(const SemanticMap& map, const std::string& fingerprint,
+                        const std::string& source);
+
 }  // namespace s3lam
