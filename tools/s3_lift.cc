@@ -63,7 +63,9 @@ po::options_description Arguments() {
   add("mask-json", po::value<std::string>()->default_value("")->value_name("FILE"),
       "COCO panoptic JSON (default: <masks>.json, or the one in the folder)");
   add("label-map", po::value<std::string>()->default_value("")->value_name("FILE"),
-      "what the labels in the masks are in the class table (configs/label_maps/, ScanNet's .tsv)");
+      "what the labels in the masks are in the class table (configs/label_maps/, ScanNet's .tsv); "
+      "with tables of things and of stuff where these are numbered apart, as by detectron2's "
+      "Panoptic FPN (coco_separated)");
   add("label-divisor", po::value<int>()->default_value(1000)->value_name("N"),
       "of the format label-divisor: N * label + instance");
   add("confusion", po::value<std::string>()->default_value("")->value_name("FILE.npy"),

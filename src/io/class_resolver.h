@@ -24,10 +24,17 @@ class ClassResolver {
   [[nodiscard]] bool Knows(int64_t label) const;
 
   /// Index of the class; empty if the label map says that the label is void. Throws InputError
-  /// beginning with `where` for a label, or a class it is mapped to, that is unknown.
-  [[nodiscard]] std::optional<int> IndexOf(int64_t label, const std::string& where) const;
+  /// beginning with `where` for a label, or a class it is mapped to, that is unknown. `is_thing` is
+  /// what the mask says of the label: it must be known where the label map numbers stuff apart, and
+  /// a class of the other kind throws as well.
+  [[nodiscard]] std::optional<int> IndexOf(int64_t label, const std::string& where,
+                                           std::optional<bool> is_thing = std::nullopt) const;
 
  private:
+  [[nodiscard]] std::optional<int> Translate(int64_t label, const std::string& where,
+                                             std::optional<bool> is_thing) const;
+  void CheckKind(int class_index, bool is_thing, int64_t label, const std::string& where) const;
+
   ClassTable table_;
   LabelMap map_;
 };

@@ -12,6 +12,8 @@ namespace {
 using nlohmann::json;
 
 constexpr uint32_t kMaxSegmentId = (1U << 24U) - 1;  // Three bytes of colour.
+/// The kind is of the category: isthing is in the list of those.
+constexpr SegmentRules kRules = {1, kMaxSegmentId, false};
 
 CocoAnnotation ParseAnnotation(const json& annotation, const ClassResolver& classes,
                                const std::string& where) {
@@ -21,7 +23,7 @@ CocoAnnotation ParseAnnotation(const json& annotation, const ClassResolver& clas
     if (infos == annotation.end() || !infos->is_array()) {
       ThrowInputError("{}: 'segments_info' is missing or not a list", where);
     }
-    result.table = ParseSegments(*infos, classes, 1, kMaxSegmentId, where);
+    result.table = ParseSegments(*infos, classes, kRules, where);
   } catch (const InputError& error) {
     result.defect = error.what();
   }

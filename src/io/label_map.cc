@@ -23,22 +23,39 @@ Integer ParseWhole(std::string_view text, const std::string& where) {
   return value;
 }
 
-void ParseJsonMap(const std::filesystem::path& path, LabelMap& map) {
-  const nlohmann::json document = ReadJson(path);
-  if (!document.is_object()) {
-    ThrowInputError("{}: a label map is an object {{\"label\": class id or null}}", path.string());
+LabelMap::Classes ParseClasses(const nlohmann::json& table, const std::string& where) {
+  if (!table.is_object()) {
+    ThrowInputError("{}: a label map is an object {{\"label\": class id or null}}", where);
   }
-  for (const auto& [key, value] : document.items()) {
-    const auto label = ParseWhole<int64_t>(key, path.string());
+  if (table.empty()) ThrowInputError("{}: the label map is empty", where);
+  LabelMap::Classes classes;
+  for (const auto& [key, value] : table.items()) {
+    const auto label = ParseWhole<int64_t>(key, where);
     if (value.is_null()) {
-      map.class_of_label[label] = std::nullopt;
+      classes[label] = std::nullopt;
     } else if (value.is_number_integer() && value == value.get<int>()) {
-      map.class_of_label[label] = value.get<int>();
+      classes[label] = value.get<int>();
     } else {
-      ThrowInputError("{}: label {}: {} is neither a class id nor null", path.string(), key,
-                      value.dump());
+      ThrowInputError("{}: label {}: {} is neither a class id nor null", where, key, value.dump());
     }
   }
+  return classes;
+}
+
+void ParseJsonMap(const std::filesystem::path& path, LabelMap& map) {
+  const nlohmann::json document = ReadJson(path);
+  const bool has_things = document.is_object() && document.contains("things");
+  const bool has_stuff = document.is_object() && document.contains("stuff");
+  if (!has_things && !has_stuff) {
+    map.class_of_label = ParseClasses(document, path.string());
+    return;
+  }
+  if (!has_things || !has_stuff || document.size() != 2) {
+    ThrowInputError("{}: where stuff is numbered apart, 'things' and 'stuff' are due and no more",
+                    path.string());
+  }
+  map.class_of_label = ParseClasses(document["things"], path.string() + ": things");
+  map.class_of_stuff = ParseClasses(document["stuff"], path.string() + ": stuff");
 }
 
 std::vector<std::string> SplitAtTabs(std::string line) {
@@ -88,7 +105,6 @@ LabelMap ReadLabelMap(const std::filesystem::path& path) {
   } else {
     ParseJsonMap(path, map);
   }
-  if (map.IsIdentity()) ThrowInputError("{}: the label map is empty", path.string());
   return map;
 }
 

@@ -183,8 +183,9 @@ PanopticFrame DecodeSegments(const fs::path& path, const ClassResolver& classes)
     ThrowInputError("{}: 'segments_info' is missing or not a list", json_path.string());
   }
   constexpr auto kMaxId = static_cast<uint32_t>(std::numeric_limits<int32_t>::max());
+  constexpr SegmentRules kRules = {0, kMaxId, true};
   const SegmentTable table =
-      ParseSegments(is_list ? document : *infos, classes, 0, kMaxId, json_path.string());
+      ParseSegments(is_list ? document : *infos, classes, kRules, json_path.string());
   const IdImage image = ReadIdImage(path);
   PanopticFrame frame{path.string(), {}, table.segments, {}};
   frame.segment_ids = SegmentsFromIds(image.ids, [&](int32_t id) {

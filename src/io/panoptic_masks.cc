@@ -168,6 +168,12 @@ PanopticMasks::PanopticMasks(const fs::path& directory, MaskFormat format,
   if (label_divisor < 1) ThrowInputError("{}: the label divisor is below 1", directory.string());
   const std::vector<std::string> files = ListFiles(directory);
   if (format == MaskFormat::kAuto) impl_->format = DetectFormat(directory, files, json_path);
+  if (label_map.NumbersStuffApart() && impl_->format != MaskFormat::kSegments) {
+    ThrowInputError(
+        "{}: tables of things and of stuff are for masks whose segments say which they are "
+        "(format segments, isthing), not for format {}",
+        label_map.source, MaskFormatName(impl_->format));
+  }
   impl_->names = SelectMasks(impl_->format, directory, files);
   if (impl_->names.empty()) {
     ThrowInputError("{}: no masks{} in it", directory.string(),

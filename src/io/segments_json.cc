@@ -90,7 +90,7 @@ Distribution ReadDistribution(const json& info, const ClassResolver& classes,
     for (const auto& [label, value] : it->items()) {
       const float p = ReadProbability(value, where);
       sum += p;
-      const auto index = classes.IndexOf(ParseLabel(label, where), where);
+      const auto index = classes.IndexOf(ParseLabel(label, where), where + ": distribution");
       if (index) result[static_cast<size_t>(*index)] += p;
     }
   } else {
@@ -107,9 +107,16 @@ Distribution ReadDistribution(const json& info, const ClassResolver& classes,
   return {true, std::move(result), of_void};
 }
 
+/// Whether a segment says that it is a thing; empty if it says nothing.
+std::optional<bool> ReadKind(const json& info, const std::string& where) {
+  if (!info.contains("isthing")) return std::nullopt;
+  return ReadFlag(info, "isthing", where);
+}
+
 /// Class of a segment: what it says, else the likeliest of its distribution; empty for void.
 std::optional<int> ReadClass(const json& info, const Distribution& distribution,
-                             const ClassResolver& classes, const std::string& where) {
+                             const ClassResolver& classes, bool has_kinds,
+                             const std::string& where) {
   const bool is_hugging_face = info.contains("label_id") && !info.contains("category_id");
   const char* key = is_hugging_face ? "label_id" : "category_id";
   if (!info.contains(key) && distribution.is_given) {
@@ -119,27 +126,28 @@ std::optional<int> ReadClass(const json& info, const Distribution& distribution,
         likeliest == p.end() || distribution.of_void > *likeliest * (1.0F - distribution.of_void);
     return is_void ? std::nullopt : std::optional(static_cast<int>(likeliest - p.begin()));
   }
-  return classes.IndexOf(RequireInteger(info, key, where), where);
+  return classes.IndexOf(RequireInteger(info, key, where), where,
+                         has_kinds ? ReadKind(info, where) : std::nullopt);
 }
 
 }  // namespace
 
-SegmentTable ParseSegments(const json& list, const ClassResolver& classes, uint32_t min_id,
-                           uint32_t max_id, const std::string& where) {
+SegmentTable ParseSegments(const json& list, const ClassResolver& classes,
+                           const SegmentRules& rules, const std::string& where) {
   SegmentTable table;
   for (const json& info : list) {
     if (!info.is_object()) ThrowInputError("{}: entry of segments_info is not an object", where);
     const int64_t id = RequireInteger(info, "id", where + ": segment");
     const std::string name = fmt::format("{}: segment {}", where, id);
-    if (id < min_id || id > max_id) {
-      ThrowInputError("{}: id is not in [{}, {}]", name, min_id, max_id);
+    if (id < rules.min_id || id > rules.max_id) {
+      ThrowInputError("{}: id is not in [{}, {}]", name, rules.min_id, rules.max_id);
     }
     const auto key = static_cast<uint32_t>(id);
     PanopticSegment segment;
     Distribution distribution = ReadDistribution(info, classes, name);
     segment.score = ReadScore(info, name);
     segment.is_crowd = ReadFlag(info, "iscrowd", name);
-    const auto class_index = ReadClass(info, distribution, classes, name);
+    const auto class_index = ReadClass(info, distribution, classes, rules.has_kinds, name);
     if (table.segments.contains(key) || table.void_segments.contains(key)) {
       ThrowInputError("{}: is listed twice", name);
     }

@@ -212,11 +212,13 @@ SEEDS = {
     "volume_npz": {"float": npz("<f4", struct.pack("<6f", 1, 0, 0, 1, 0, 0)),
                    "stored": npz("|u1", bytes([255, 0, 0, 255, 0, 0]), zipfile.ZIP_STORED)},
     "segments_json": {"detectron": text({"segments_info": [
-        {"id": 1, "category_id": 1, "score": 0.5}, {"id": 263, "category_id": 7}]}),
+        {"id": 1, "category_id": 1, "isthing": True, "score": 0.5},
+        {"id": 263, "category_id": 7, "isthing": False}]}),
         "hugging_face": text({"segments_info": [
             {"id": 1, "label_id": 1, "was_fused": False,
              "distribution": {"1": 0.75, "7": 0.25}}, {"id": 263, "label_id": 7}]})},
-    "label_map": {"json": text({"1": 7, "2": None})},
+    "label_map": {"json": text({"1": 7, "2": None}),
+                  "apart": text({"things": {"1": 7}, "stuff": {"0": None, "1": 1}})},
     "observations": {"two": b"S3OBSV01" + counted(
         [struct.pack("<dIQQfff", t, 1, 1, 7, 1.5, 2.5, 0.5) for t in (0.0, 0.5)])},
     "keypoint_sigmas": {"two": b"S3KSIG01" + counted(

@@ -190,6 +190,57 @@ TEST_F(MaskFormats, SegmentsOfDetectron2) {
   EXPECT_THAT(ReadError(MaskFormat::kSegments), HasSubstr("a.json: cannot open"));
 }
 
+TEST_F(MaskFormats, SegmentsWhoseStuffIsNumberedApart) {
+  dir_.Write("a.png", Png8({1, 2, 3}));
+  const LabelMap map{"map.json", {{0, 26}, {1, 26}}, {{0, std::nullopt}, {1, 7}}};
+  const auto write = [&](const std::string& second) {
+    dir_.Write("a.json", R"([{"id": 1, "category_id": 1, "isthing": true}, {"id": 2, )" + second +
+                             R"(}, {"id": 3, "category_id": 0, "isthing": 0}])");
+  };
+  write(R"("category_id": 1, "isthing": false)");
+  const PanopticFrame frame = Read(MaskFormat::kSegments, map);
+  EXPECT_EQ(Row(frame), (Ids{1, 2, kVoid}));
+  EXPECT_EQ(frame.segments.at(1).class_index, 1);
+  EXPECT_EQ(frame.segments.at(2).class_index, 0);
+  const auto error = [&](const std::string& second) {
+    write(second);
+    return ReadError(MaskFormat::kSegments, map);
+  };
+  EXPECT_THAT(error(R"("category_id": 2, "isthing": false)"),
+              HasSubstr("segment 2: label 2 is not in the label map map.json, among stuff"));
+  EXPECT_THAT(error(R"("category_id": 2, "isthing": true)"), HasSubstr("among things"));
+  EXPECT_THAT(error(R"("label_id": 1)"), HasSubstr("no isthing says whether label 1"));
+  EXPECT_THAT(error(R"("category_id": 1, "isthing": "no")"), HasSubstr("'isthing'"));
+  EXPECT_THAT(error(R"("category_id": 1, "isthing": true, "distribution": {"1": 1.0})"),
+              HasSubstr("segment 2: distribution: no isthing says whether label 1"));
+}
+
+TEST_F(MaskFormats, SegmentsOfAnotherKindThanTheirClass) {
+  dir_.Write("a.png", Png8({1}));
+  const auto error = [&](const std::string& entry, const LabelMap& map = {}) {
+    dir_.Write("a.json", R"([{"id": 1, )" + entry + "}]");
+    return ReadError(MaskFormat::kSegments, map);
+  };
+  EXPECT_THAT(
+      error(R"("category_id": 26, "isthing": false)"),
+      ::testing::AllOf(HasSubstr("a.json: segment 1: isthing is false"),
+                       HasSubstr("class 26 (car), which is a thing"), HasSubstr("coco_separated")));
+  const LabelMap contiguous{"map.json", {{0, 7}, {1, 26}, {2, std::nullopt}}};
+  EXPECT_THAT(error(R"("category_id": 0, "isthing": true)", contiguous),
+              HasSubstr("isthing is true, but label 0 means class 7 (road), which is stuff"));
+  EXPECT_EQ(error(R"("category_id": 2, "isthing": true)", contiguous), "");  // Void.
+  const LabelMap exchanged{"map.json", {{0, 7}}, {{0, 26}}};
+  EXPECT_THAT(error(R"("category_id": 0, "isthing": true)", exchanged),
+              HasSubstr("isthing is true, but label 0 means class 7"));
+}
+
+TEST_F(MaskFormats, TablesOfThingsAndStuffNeedSegmentsThatSayWhichTheyAre) {
+  const LabelMap map{"map.json", {{1, 26}}, {{1, 7}}};
+  dir_.Write("a.png", Png8({1}));
+  EXPECT_THAT(ReadError(MaskFormat::kLabels, map),
+              ::testing::AllOf(HasSubstr("map.json"), HasSubstr("not for format labels")));
+}
+
 TEST_F(MaskFormats, DistributionsOfSegments) {
   dir_.Write("a.png", Png8({1, 2}));
   const auto read = [&](const std::string& distribution) {
@@ -349,6 +400,13 @@ TEST(LabelMap, ReadsJsonAndScanNetsTable) {
   const LabelMap json = ReadLabelMap(dir.Write("m.json", R"({"3": 7, "-1": null})"));
   EXPECT_EQ(json.class_of_label.at(3), 7);
   EXPECT_FALSE(json.class_of_label.at(-1).has_value());
+  EXPECT_FALSE(json.NumbersStuffApart());
+  const LabelMap apart =
+      ReadLabelMap(dir.Write("m.json", R"({"things": {"1": 2}, "stuff": {"0": null, "1": 3}})"));
+  EXPECT_TRUE(apart.NumbersStuffApart());
+  EXPECT_EQ(apart.class_of_label.at(1), 2);
+  EXPECT_EQ(apart.class_of_stuff.at(1), 3);
+  EXPECT_FALSE(apart.class_of_stuff.at(0).has_value());
   const LabelMap tsv = ReadLabelMap(
       dir.Write("m.tsv", "id\traw_category\tnyu40id\n1\twall\t1\n22\tthing\t40\n40\tfoo\t\n"));
   EXPECT_EQ(tsv.class_of_label.at(22), 40);
@@ -361,6 +419,14 @@ TEST(LabelMap, ReadsJsonAndScanNetsTable) {
   EXPECT_THAT(error("m.json", "{}"), HasSubstr("empty"));
   EXPECT_THAT(error("m.json", R"({"a": 1})"), HasSubstr("'a' is not an integer"));
   EXPECT_THAT(error("m.json", R"({"1": "x"})"), HasSubstr("label 1"));
+  EXPECT_THAT(error("m.json", R"({"things": {"1": 2}})"),
+              HasSubstr("'things' and 'stuff' are due"));
+  EXPECT_THAT(error("m.json", R"({"things": {"1": 2}, "stuff": {"1": 3}, "4": 5})"),
+              HasSubstr("and no more"));
+  EXPECT_THAT(error("m.json", R"({"things": {"1": 2}, "stuff": {}})"),
+              HasSubstr("stuff: the label map is empty"));
+  EXPECT_THAT(error("m.json", R"({"things": {"1": "x"}, "stuff": {"1": 3}})"),
+              HasSubstr("things: label 1"));
   EXPECT_THAT(error("m.tsv", "id\tname\n1\tx\n"), HasSubstr("'nyu40id'"));
   EXPECT_THAT(error("m.tsv", "id\tnyu40id\n1\n"), HasSubstr("m.tsv:2"));
 }
@@ -371,14 +437,22 @@ TEST(LabelMap, ThoseProvidedFitTheirTables) {
     const LabelMap map = ReadLabelMap(configs / "label_maps" / map_name);
     const ClassTable table = ReadClassTable(configs / "classes" / table_name);
     std::set<int> classes;
-    for (const auto& [label, class_id] : map.class_of_label) {
-      if (!class_id) continue;
-      EXPECT_TRUE(table.IndexOfId(*class_id).has_value()) << *class_id;
-      EXPECT_TRUE(classes.insert(*class_id).second) << *class_id;
-    }
+    const auto check_classes = [&](const LabelMap::Classes& class_of_label, bool is_stuff) {
+      for (const auto& [label, class_id] : class_of_label) {
+        if (!class_id) continue;
+        const auto index = table.IndexOfId(*class_id);
+        ASSERT_TRUE(index.has_value()) << *class_id;
+        EXPECT_TRUE(classes.insert(*class_id).second) << *class_id;
+        if (!map.NumbersStuffApart()) continue;
+        EXPECT_EQ(table.classes[static_cast<size_t>(*index)].is_thing, !is_stuff) << *class_id;
+      }
+    };
+    check_classes(map.class_of_label, false);
+    check_classes(map.class_of_stuff, true);
     EXPECT_EQ(classes.size(), mapped);
   };
   check("coco_contiguous.json", "coco.json", 133);
+  check("coco_separated.json", "coco.json", 133);
   check("cityscapes_ids.json", "cityscapes.json", 19);
   check("ade20k_zero_based.json", "ade20k.json", 150);
 }

@@ -107,6 +107,22 @@ TEST_F(BadMasks, UnknownClassInTheJson) {
   ExpectCocoRefused({"masks.json", "4242"});
 }
 
+TEST_F(BadMasks, StuffWhoseNumberIsThatOfAThing) {
+  constexpr int kCar = 13;
+  const auto write = [&](size_t i, int category_id, bool is_thing) {
+    const json info = {{"id", 7}, {"category_id", category_id}, {"isthing", is_thing}};
+    cv::imwrite((masks() / mask_names_[i]).string(), cv::Mat(mask_size_, CV_8UC1, cv::Scalar(7)));
+    inputs_.Write("masks/" + std::filesystem::path(mask_names_[i]).stem().string() + ".json",
+                  json{{"segments_info", {info}}}.dump());
+  };
+  for (size_t i = 0; i < mask_names_.size(); ++i) write(i, kRoad, false);
+  EXPECT_EQ(LiftReport()["images_with_mask"], mask_names_.size());
+  std::filesystem::remove_all(output());
+  write(2, kCar, false);
+  ExpectLiftRefused({"isthing is false", "(car), which is a thing"});
+  EXPECT_EQ(LiftReport({"--lenient"})["images_with_bad_mask"], 1);
+}
+
 TEST_F(BadMasks, SegmentThatTheJsonDoesNotList) {
   WriteCocoMasks(67);
   WriteMask(mask_names_[5], mask_size_, 8);

@@ -42,7 +42,9 @@ std::string_view MaskFormatName(MaskFormat format);
 ///   scannet        label-filt/ and instance-filt/ with the same names; label 0 is void
 ///   segments       id map (PNG of any kind, or integer .npy) and a JSON of the same name with
 ///                  segments_info as above, or label_id and was_fused (detectron2, Mask2Former,
-///                  Hugging Face); 0 and -1 are void unless listed
+///                  Hugging Face); 0 and -1 are void unless listed. An isthing must agree with the
+///                  class table; where stuff is numbered apart (detectron2's Panoptic FPN) it
+///                  chooses between the two tables that the label map has then
 ///   labels         PNG or integer .npy with one label per pixel; 0 and the largest value of the
 ///                  type are void unless known. Each connected piece of a thing is a segment
 ///   probabilities  .npy or .npz, channels x rows x columns, float32, float16 or uint8
