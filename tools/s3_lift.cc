@@ -1,10 +1,8 @@
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <functional>
 #include <map>
-#include <opencv2/imgproc.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,6 +10,8 @@
 #include "common/config_files.h"
 #include "common/program.h"
 #include "common/provenance.h"
+#include "lift/ignore_masks.h"
+#include "lift/mask_arguments.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/output_directory.h"
@@ -19,8 +19,6 @@
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/descriptors.h"
 #include "s3lam/io/file.h"
-#include "s3lam/io/ignore_masks.h"
-#include "s3lam/io/image_sequence.h"
 #include "s3lam/io/npy.h"
 #include "s3lam/io/panoptic_masks.h"
 #include "s3lam/io/semantic_map_io.h"
@@ -44,7 +42,9 @@ constexpr const char* kDescription =
     "coloured\n"
     "by class and by cluster in model_by_class/ and model_by_cluster/; with --overlays, pictures\n"
     "of images in overlays/: keypoints in the colours of their classes, planes with their\n"
-    "outlines, normals and axes.";
+    "outlines, normals and axes.\n\n"
+    "With --sequence in place of a model: writes gray PNGs, 0 on what moves and 255 elsewhere, of\n"
+    "the size of the images, as <image name>.png; report.json, config.json.";
 
 po::options_description Arguments() {
   po::options_description description("s3-lift");
@@ -53,7 +53,8 @@ po::options_description Arguments() {
   add("sequence", po::value<std::string>()->value_name("DIR"),
       "instead of a model: write what to ignore in its images, for s3-slam --ignore-masks or "
       "COLMAP's --ImageReader.mask_path; of a video, those frames that masks are named after "
-      "(clip.mp4: clip_000000.png)");
+      "(clip.mp4: clip_000000.png). Of the configuration, lookup.lenient alone has an effect on "
+      "it");
   add("ignore-margin", po::value<int>()->default_value(3)->value_name("PX"),
       "around what is ignored [mask px]");
   add("masks", po::value<std::string>()->value_name("DIR"), "panoptic masks");
@@ -187,22 +188,6 @@ void WriteResult(const Reconstruction& model, const LiftResult& result, const js
   WriteJson(directory / "report.json", report);
 }
 
-MaskFormat ParseMaskFormat(const std::string& name) {
-  const std::optional<MaskFormat> format = MaskFormatFromName(name);
-  if (!format) throw UsageError(fmt::format("--mask-format {}: unknown format (see --help)", name));
-  return *format;
-}
-
-PanopticMasks OpenMasks(const po::variables_map& arguments, const fs::path& directory,
-                        MaskFormat format, const ClassTable& table) {
-  const auto map_path = arguments["label-map"].as<std::string>();
-  const LabelMap label_map =
-      map_path.empty() ? LabelMap{} : ReadLabelMap(FindConfigFile(map_path, "label_maps"));
-  const int divisor = arguments["label-divisor"].as<int>();
-  if (divisor < 1) throw UsageError("--label-divisor must be positive");
-  return {directory, format, arguments["mask-json"].as<std::string>(), table, label_map, divisor};
-}
-
 /// A matrix of counts or shares, its rows scaled to one; empty for an empty path.
 std::optional<ConfusionMatrix> ReadConfusion(const std::string& path, const ClassTable& table) {
   if (path.empty()) return std::nullopt;
@@ -239,85 +224,20 @@ Overlays ChooseOverlays(const po::variables_map& arguments, const Reconstruction
   return overlays;
 }
 
-/// The frames of a video that have a mask, by their names: for those it need not be decoded.
-ImageSequence ListFramesWithMask(const fs::path& video, const PanopticMasks& masks) {
-  ImageSequence sequence;
-  sequence.format = SequenceFormat::kVideo;
-  sequence.image_root = video;
-  const std::string prefix = video.stem().string() + "_";
-  for (const std::string& name : masks.names()) {
-    const std::string stem = fs::path(name).stem().string();
-    if (!stem.starts_with(prefix)) continue;
-    const auto index = static_cast<int>(sequence.frames.size());
-    sequence.frames.push_back({static_cast<double>(index), stem + ".png", {}, index});
-  }
-  if (sequence.frames.empty()) {
-    ThrowInputError("{}: no mask is named as one of its frames, such as {}", video.string(),
-                    NameOfVideoFrame(video, 0));
-  }
-  return sequence;
-}
-
-/// Writes for every frame of a sequence that has a mask what to ignore in it.
-void RunIgnoreMasks(const po::variables_map& arguments, const CommonArguments& common) {
-  const fs::path mask_path = Required(arguments, "masks");
-  const fs::path class_path = FindConfigFile(Required(arguments, "classes"), "classes");
-  const MaskFormat format = ParseMaskFormat(arguments["mask-format"].as<std::string>());
-  const int margin_px = arguments["ignore-margin"].as<int>();
-  if (margin_px < 0) throw UsageError("--ignore-margin must not be negative");
-  OutputDirectory output(Required(arguments, "output"), common.overwrite);
-  const ClassTable table = ReadClassTable(class_path);
-  const PanopticMasks masks = OpenMasks(arguments, mask_path, format, table);
-  const ImageSequence sequence =
-      OpenSequence(Required(arguments, "sequence"), SequenceFormat::kAuto, {},
-                   [&](const fs::path& video) { return ListFramesWithMask(video, masks); });
-  std::vector<std::string> names;
-  for (const SequenceFrame& frame : sequence.frames) names.push_back(frame.name);
-  const auto matches = MatchMasksToImages(names, masks.names());
-  std::vector<double> ignored(names.size(), -1.0);  // Share of the pixels; negative without mask.
-  ParallelFor(names.size(), common.threads, [&](size_t i) {
-    if (!matches[i]) return;
-    const PanopticFrame frame = masks.Read(*matches[i]);
-    cv::Mat mask = MakeIgnoreMask(frame, table, margin_px);
-    if (sequence.camera) {
-      CheckMaskShape(frame, *sequence.camera, names[i]);
-      const cv::Size size(sequence.camera->width, sequence.camera->height);
-      cv::resize(mask, mask, size, 0.0, 0.0, cv::INTER_NEAREST);
-    }
-    ignored[i] = 1.0 - cv::countNonZero(mask) / static_cast<double>(mask.total());
-    WriteIgnoreMask(mask, output.path(), names[i]);
-  });
-  const auto count = std::count_if(ignored.begin(), ignored.end(), [](double x) { return x >= 0; });
-  if (count == 0) ThrowInputError("{}: no mask fits an image", mask_path.string());
-  double sum = 0.0;
-  for (const double share : ignored) sum += std::max(0.0, share);
-  const double mean = sum / static_cast<double>(count);
-  output.Commit();
-  PrintReport(common,
-              fmt::format("{} of {} frames, {:.1f} % of their pixels ignored\n", count,
-                          names.size(), 100.0 * mean),
-              {{"frames", names.size()}, {"frames_with_mask", count}, {"ignored_share", mean}});
-}
-
 Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
                           const PanopticMasks& masks, const LiftOptions& options) {
   Provenance provenance("s3-lift", common, OptionsToJson(options));
   provenance.AddFiles("model", Required(arguments, "model"),
                       {"cameras.bin", "images.bin", "points3D.bin", "cameras.txt", "images.txt",
                        "points3D.txt", "descriptors.bin"});
-  provenance.AddListing("masks", Required(arguments, "masks"));
-  provenance.AddFile("classes", FindConfigFile(Required(arguments, "classes"), "classes"));
-  provenance.AddFile("label_map",
-                     FindConfigFile(arguments["label-map"].as<std::string>(), "label_maps"));
+  AddMaskInputs(arguments, masks, provenance);
   provenance.AddFile("confusion", arguments["confusion"].as<std::string>());
-  provenance.AddFile("mask_json", masks.json_path());
   return provenance;
 }
 
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
   if (arguments.count("sequence") > 0) {
-    if (arguments.count("model") > 0) throw UsageError("--sequence and --model exclude each other");
-    RunIgnoreMasks(arguments, common);
+    WriteIgnoreMasks(arguments, common);
     return;
   }
   LiftOptions options = LoadOptions<LiftOptions>(common);
@@ -328,7 +248,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   const fs::path mask_path = Required(arguments, "masks");
   const fs::path class_path = FindConfigFile(Required(arguments, "classes"), "classes");
   const fs::path output_path = Required(arguments, "output");
-  const MaskFormat format = ParseMaskFormat(arguments["mask-format"].as<std::string>());
+  const MaskFormat format = MaskFormatArgument(arguments);
   OutputDirectory output(output_path, common.overwrite);
 
   const ClassTable table = ReadClassTable(class_path);

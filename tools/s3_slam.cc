@@ -225,7 +225,15 @@ Provenance DescribeInputs(const po::variables_map& arguments, const CommonArgume
                                                 CameraModelName(used.model), used.width,
                                                 used.height, fmt::join(used.params, " ")));
   if (arguments.count("ignore-masks") > 0) {
-    provenance.AddListing("ignore_masks", arguments["ignore-masks"].as<std::string>());
+    // The masks alone: s3-lift's report beside them says what they were made of.
+    const std::filesystem::path directory = arguments["ignore-masks"].as<std::string>();
+    std::vector<std::filesystem::path> masks;
+    for (const SequenceFrame& frame : sequence.frames) {
+      if (HasIgnoreMask(directory, frame.name)) {
+        masks.push_back(IgnoreMaskPath(directory, frame.name));
+      }
+    }
+    provenance.AddListing("ignore_masks", directory, masks);
   }
   return provenance;
 }

@@ -10,13 +10,11 @@
 #include "s3lam/io/file.h"
 
 namespace s3lam {
-namespace {
 
-std::filesystem::path PathOf(const std::filesystem::path& directory, const std::string& name) {
-  return directory / (name + ".png");
+std::filesystem::path IgnoreMaskPath(const std::filesystem::path& directory,
+                                     const std::string& image_name) {
+  return directory / (image_name + ".png");
 }
-
-}  // namespace
 
 cv::Mat MakeIgnoreMask(const PanopticFrame& frame, const ClassTable& class_table, int margin_px) {
   const SegmentImage& ids = frame.segment_ids;
@@ -46,7 +44,7 @@ cv::Mat MakeIgnoreMask(const PanopticFrame& frame, const ClassTable& class_table
 
 void WriteIgnoreMask(const cv::Mat& mask, const std::filesystem::path& directory,
                      const std::string& image_name) {
-  const std::filesystem::path path = PathOf(directory, image_name);
+  const std::filesystem::path path = IgnoreMaskPath(directory, image_name);
   std::filesystem::create_directories(path.parent_path());
   std::vector<uint8_t> bytes;
   S3LAM_CHECK(cv::imencode(".png", mask, bytes));
@@ -59,7 +57,7 @@ void WriteIgnoreMask(const cv::Mat& mask, const std::filesystem::path& directory
 cv::Mat ReadIgnoreMask(const std::filesystem::path& directory, const std::string& image_name,
                        const cv::Size& size) {
   if (!HasIgnoreMask(directory, image_name)) return {};
-  const std::filesystem::path path = PathOf(directory, image_name);
+  const std::filesystem::path path = IgnoreMaskPath(directory, image_name);
   cv::Mat mask = ReadPngMask(path);
   if (mask.type() != CV_8UC1) {
     ThrowInputError("{}: {} channel(s) of {} bits where a gray image of 8 bits is due",
@@ -73,7 +71,7 @@ cv::Mat ReadIgnoreMask(const std::filesystem::path& directory, const std::string
 }
 
 bool HasIgnoreMask(const std::filesystem::path& directory, const std::string& image_name) {
-  return std::filesystem::is_regular_file(PathOf(directory, image_name));
+  return std::filesystem::is_regular_file(IgnoreMaskPath(directory, image_name));
 }
 
 }  // namespace s3lam

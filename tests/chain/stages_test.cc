@@ -263,6 +263,7 @@ TEST(Chain, IgnoreMasksKeepFeaturesOffWhatTheyMask) {
   for (const SequenceFrame& frame : sequence.frames) {
     WriteIgnoreMask(mask, dir / "masks", frame.name);
   }
+  dir.Write("masks/report.json", "{}");  // No mask.
   std::vector<std::string> arguments = {
       Tool("s3-slam"),         "--quiet",  "--sequence", ChainFolder("scene").string(), "--output",
       (dir / "free").string(), "--frames", "0:60"};
@@ -276,6 +277,7 @@ TEST(Chain, IgnoreMasksKeepFeaturesOffWhatTheyMask) {
   EXPECT_GT(free_within, free_all / 5);
   EXPECT_GT(masked_all, free_all / 4);
   EXPECT_EQ(masked_within, 0u);
+  EXPECT_EQ(ReadJson(dir / "masked" / "report.json")["inputs"]["ignore_masks"]["files"], 60);
 }
 
 }  // namespace

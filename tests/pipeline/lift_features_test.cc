@@ -49,6 +49,18 @@ class LiftFeatures : public testing::ModelTest {
             "--output",       output().string(), "--overwrite",
             "--json"};
   }
+
+  [[nodiscard]] ProgramResult Ignore(const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = IgnoreArguments();
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return RunTool("s3-lift", arguments);
+  }
+
+  [[nodiscard]] std::vector<std::string> IgnoreMasks() const {
+    std::vector<std::string> names = Listing(output());
+    std::erase_if(names, [](const std::string& name) { return !name.ends_with(".png"); });
+    return names;
+  }
 };
 
 TEST_F(LiftFeatures, OverlaysOfSoManyImages) {
@@ -86,12 +98,10 @@ TEST_F(LiftFeatures, IgnoreMasksOfASequence) {
   const cv::Rect car(100, 100, 60, 40);
   mask(car) = cv::Scalar(1, 0, kCar);  // Instance 1 in blue, the label in red.
   cv::imwrite((masks() / mask_names_[0]).string(), mask);
-  std::vector<std::string> arguments = IgnoreArguments();
-  arguments.insert(arguments.end(), {"--ignore-margin", "0"});
-  const ProgramResult result = RunTool("s3-lift", arguments);
+  const ProgramResult result = Ignore({"--ignore-margin", "0"});
   ASSERT_EQ(result.exit_code, kDone) << result.errors;
   EXPECT_EQ(json::parse(result.output)["frames_with_mask"], mask_names_.size());
-  const auto names = Listing(output());
+  const auto names = IgnoreMasks();
   ASSERT_EQ(names.size(), mask_names_.size());
   const cv::Mat ignored = cv::imread((output() / names[0]).string(), cv::IMREAD_UNCHANGED);
   ASSERT_EQ(ignored.size(), mask_size_);
@@ -110,9 +120,74 @@ TEST_F(LiftFeatures, IgnoreMasksOfAnotherShapeAreRefused) {
                               2 * mask_size_.width, height));
   };
   write_camera(2 * mask_size_.height);
-  EXPECT_EQ(RunTool("s3-lift", IgnoreArguments()).exit_code, kDone);
+  EXPECT_EQ(Ignore().exit_code, kDone);
   write_camera(3 * mask_size_.height);
-  ExpectRefused(RunTool("s3-lift", IgnoreArguments()), testing::kBadInput, {"the mask is"});
+  ExpectRefused(Ignore(), kBadInput, {"the mask is"});
+}
+
+TEST_F(LiftFeatures, IgnoreMasksOfAnotherShapeThanImagesWithoutACameraAreRefused) {
+  WriteImages();
+  WriteMask(mask_names_[1], mask_size_ / 2, kRoad);
+  const ProgramResult scaled = Ignore();
+  ASSERT_EQ(scaled.exit_code, kDone) << scaled.errors;
+  EXPECT_EQ(json::parse(scaled.output)["scaled_masks"], 1);
+  for (const std::string& name : IgnoreMasks()) {
+    EXPECT_EQ(cv::imread((output() / name).string()).size(), mask_size_) << name;
+  }
+  WriteMask(mask_names_[1], {mask_size_.width, mask_size_.height / 2}, kRoad);
+  ExpectRefused(Ignore(), kBadInput, {"the mask is"});
+}
+
+TEST_F(LiftFeatures, IgnoreMasksThatCannotBeMadeAreSkippedAndCountedWhenLenient) {
+  WriteImages();
+  WriteMask(mask_names_[1], {mask_size_.width, mask_size_.height / 2}, kRoad);
+  Truncate(masks() / mask_names_[2], 0.5);
+  std::filesystem::remove(masks() / mask_names_[3]);
+  const std::vector<std::vector<std::string>> ways = {{"--lenient"},
+                                                      {"--set", "lookup.lenient=true"}};
+  for (const std::vector<std::string>& lenient : ways) {
+    const ProgramResult result = Ignore(lenient);
+    ASSERT_EQ(result.exit_code, kDone) << result.errors;
+    const json report = json::parse(result.output);
+    EXPECT_EQ(report["frames"], mask_names_.size());
+    EXPECT_EQ(report["frames_with_mask"], mask_names_.size() - 3);
+    EXPECT_EQ(report["frames_with_bad_mask"], 2);
+    EXPECT_EQ(report["frames_without_mask"], 1);
+    EXPECT_EQ(IgnoreMasks().size(), mask_names_.size() - 3);
+  }
+  for (const std::string& name : mask_names_) WriteMask(name, mask_size_, 99);
+  ExpectRefused(Ignore({"--lenient"}), kBadInput,
+                {fmt::format("all {} masks", mask_names_.size()), "unusable"});
+}
+
+TEST_F(LiftFeatures, IgnoreMasksComeWithReportAndConfiguration) {
+  WriteImages();
+  ASSERT_EQ(Ignore({"--lenient", "--ignore-margin", "2"}).exit_code, kDone);
+  const json report = json::parse(FileBytes(output() / "report.json"));
+  EXPECT_EQ(report["program"], "s3-lift");
+  EXPECT_EQ(report["ignore_margin_px"], 2);
+  EXPECT_EQ(report["inputs"]["masks"]["files"], mask_names_.size());
+  EXPECT_TRUE(report["inputs"].contains("classes"));
+  EXPECT_TRUE(report["inputs"].contains("frames"));
+  const json config = json::parse(FileBytes(output() / "config.json"));
+  EXPECT_EQ(config, report["config"]);
+  EXPECT_EQ(config["lookup"]["lenient"], true);
+  // It can be read back, as can that of the whole stage.
+  const auto saved = inputs_.Write("c.json", config.dump());
+  EXPECT_EQ(Ignore({"--config", saved.string()}).exit_code, kDone);
+  EXPECT_EQ(json::parse(FileBytes(output() / "config.json")), config);
+  const auto all = std::filesystem::path(S3LAM_TEST_SOURCE_DIR) / "configs" / "lift.json";
+  EXPECT_EQ(Ignore({"--config", all.string()}).exit_code, kDone);
+}
+
+TEST_F(LiftFeatures, IgnoreMasksRefuseWhatTheyCannotHonour) {
+  WriteImages();
+  ExpectRefused(Ignore({"--set", "lookup.border_px=3"}), kWrongUsage,
+                {"lookup.border_px", "--sequence"});
+  ExpectRefused(Ignore({"--set", "lookup.border=3"}), kWrongUsage, {"lookup.border_px"});
+  ExpectRefused(Ignore({"--overlays", "all"}), kWrongUsage, {"--overlays"});
+  ExpectRefused(Ignore({"--images", images().string()}), kWrongUsage, {"--images"});
+  ExpectRefused(Ignore({"--confusion", "c.npy"}), kWrongUsage, {"--confusion"});
 }
 
 TEST_F(LiftFeatures, IgnoreMasksGrowByTheMargin) {
@@ -120,11 +195,8 @@ TEST_F(LiftFeatures, IgnoreMasksGrowByTheMargin) {
   cv::Mat mask(mask_size_, CV_8UC3, cv::Scalar(0, 0, kRoad));
   mask.at<cv::Vec3b>(50, 60) = {1, 0, kCar};
   cv::imwrite((masks() / mask_names_[0]).string(), mask);
-  std::vector<std::string> arguments = IgnoreArguments();
-  arguments.insert(arguments.end(), {"--ignore-margin", "4"});
-  ASSERT_EQ(RunTool("s3-lift", arguments).exit_code, kDone);
-  const cv::Mat ignored =
-      cv::imread((output() / Listing(output())[0]).string(), cv::IMREAD_UNCHANGED);
+  ASSERT_EQ(Ignore({"--ignore-margin", "4"}).exit_code, kDone);
+  const cv::Mat ignored = cv::imread((output() / IgnoreMasks()[0]).string(), cv::IMREAD_UNCHANGED);
   EXPECT_EQ(ignored.at<uint8_t>(50, 64), 0);
   EXPECT_NE(ignored.at<uint8_t>(50, 65), 0);
 }
@@ -140,7 +212,7 @@ TEST_F(LiftFeatures, IgnoreMasksOfAVideoGoByTheNamesOfItsFrames) {
   std::ofstream(sequence) << "never decoded";
   const ProgramResult result = RunTool("s3-lift", arguments);
   ASSERT_EQ(result.exit_code, kDone) << result.errors;
-  const auto names = Listing(output());
+  const auto names = IgnoreMasks();
   ASSERT_EQ(names.size(), mask_names_.size());
   EXPECT_EQ(names[1], "clip_000003.png.png");
   sequence = (inputs_ / "other.mp4").string();
@@ -151,9 +223,7 @@ TEST_F(LiftFeatures, IgnoreMasksOfAVideoGoByTheNamesOfItsFrames) {
 TEST_F(LiftFeatures, IgnoreMasksAndAModelExcludeEachOther) {
   WriteImages();
   ExpectRefused(Lift({"--sequence", images().string()}), kWrongUsage, {"--sequence", "--model"});
-  std::vector<std::string> arguments = IgnoreArguments();
-  arguments.insert(arguments.end(), {"--ignore-margin", "-1"});
-  ExpectRefused(RunTool("s3-lift", arguments), kWrongUsage, {"--ignore-margin"});
+  ExpectRefused(Ignore({"--ignore-margin", "-1"}), kWrongUsage, {"--ignore-margin"});
 }
 
 }  // namespace

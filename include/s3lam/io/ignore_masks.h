@@ -15,6 +15,8 @@ cv::Mat MakeIgnoreMask(const PanopticFrame& frame, const ClassTable& class_table
 
 /// Masks as COLMAP's feature extractor takes them (--ImageReader.mask_path): of image a/b.jpg in
 /// <directory>/a/b.jpg.png.
+std::filesystem::path IgnoreMaskPath(const std::filesystem::path& directory,
+                                     const std::string& image_name);
 void WriteIgnoreMask(const cv::Mat& mask, const std::filesystem::path& directory,
                      const std::string& image_name);
 /// Empty if the image has no mask there. Throws InputError naming the file if it is not a gray PNG
