@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Runs sequences x arms x seeds, and prints the paper's tables with these figures in them.
 
-Each job goes from files to one file, so an interrupted campaign goes on where it stopped; jobs that do
-not need one another run side by side (--cores). The same jobs run on a cluster by Snakemake:
+Each job goes from files to one file, so an interrupted campaign goes on where it stopped; what was made
+by other settings or programs is made anew. Jobs that do not need one another run side by side
+(--cores). The same jobs run on a cluster by Snakemake:
 
   campaign.py --bin build/bin --data DIR --output OUT --sequences fr1_xyz fr1_desk --seeds 0 1 2
   snakemake -s Snakefile --configfile OUT/campaign.json --profile profiles/slurm
@@ -27,7 +28,7 @@ import stages
 
 def run_jobs(campaign, cores):
     """All jobs that are not done, each once what it needs is. Returns the failures."""
-    waiting = [job for job in jobs.all_jobs(campaign) if not job.output(campaign).exists()]
+    waiting = [job for job in jobs.all_jobs(campaign) if not jobs.is_done(campaign, job)]
     total, failed, running = len(waiting), {}, {}
     with concurrent.futures.ThreadPoolExecutor(cores) as pool:
         while waiting or running:
@@ -37,7 +38,7 @@ def run_jobs(campaign, cores):
                     failed[job] = "needs a job that failed"
                     waiting.remove(job)
                 elif (len(running) < cores and
-                      all(needed.output(campaign).exists() for needed in needs)):
+                      not any(needed in (*waiting, *running.values()) for needed in needs)):
                     waiting.remove(job)
                     running[pool.submit(jobs.run_job, campaign, job)] = job
             done, _ = concurrent.futures.wait(running, return_when="FIRST_COMPLETED")
@@ -97,7 +98,9 @@ def parse_arguments():
     parser.add_argument("--config", type=pathlib.Path, help="campaign.json instead of the above")
     parser.add_argument("--job", metavar="KIND/SEQUENCE/SEED/MASKS/ARM",
                         help="run this one job only (for Snakemake)")
-    parser.add_argument("--prepare", action="store_true", help="write OUTPUT/campaign.json and end")
+    parser.add_argument("--prepare", action="store_true",
+                        help="write OUTPUT/campaign.json, remove results of other settings or "
+                             "programs and end")
     parser.add_argument("--tables", action="store_true", help="only write the tables")
     parser.add_argument("--list", action="store_true", help="print the sequences and end")
     return parser, parser.parse_args()
@@ -134,6 +137,7 @@ def main():
     resolved = {**values, **{k: str(getattr(campaign, k)) for k in ("bin", "data", "output")}}
     stages.write_json(campaign.output / "campaign.json", resolved)
     if arguments.prepare:
+        jobs.remove_others(campaign)
         return 0
     failed = {} if arguments.tables else run_jobs(campaign, arguments.cores)
     baselines = measure_baselines(campaign, arguments.baselines) if arguments.baselines else []

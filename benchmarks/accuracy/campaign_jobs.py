@@ -1,7 +1,7 @@
 """The jobs of a campaign: sequences x seeds x masks x arms, each from files to one JSON file.
 
 campaign.py runs them on one machine, the Snakefile on one machine or a cluster. A job's file is
-written last and whole, so a file that is there is a job that is done.
+written last and whole, and says what it was made by: a job is done if that is what would make it now.
 """
 
 import dataclasses
@@ -9,6 +9,7 @@ import json
 import pathlib
 import re
 
+import identity
 import sequences
 import stages
 
@@ -79,7 +80,7 @@ class Job:
 
     def output(self, campaign):
         if self.kind == "scene":
-            return campaign.output / "scenes" / self.sequence / "report.json"
+            return campaign.output / "scenes" / self.sequence / "job.json"
         name = {"slam": "slam.json", "lift": f"lift.{self.masks}.json",
                 "arm": f"arm.{self.masks}.{self.arm}.json"}[self.kind]
         return campaign.job(self.sequence, self.seed, name)
@@ -136,19 +137,7 @@ def all_jobs(campaign):
     return list(ordered)
 
 
-# ---- running one job -------------------------------------------------------------------------------
-
-
-def run_job(campaign, job):
-    programs = stages.Programs(campaign.bin, campaign.threads, job.seed)
-    output = job.output(campaign)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    if job.kind == "scene":
-        # The scenes are the same for all seeds.
-        programs.with_seed(1).synthesise(job.sequence, output.parent)
-        return
-    result = {"slam": run_slam, "lift": run_lift, "arm": run_arm}[job.kind](campaign, programs, job)
-    stages.write_json(output, {**dataclasses.asdict(job), **result})
+# ---- what a job runs -------------------------------------------------------------------------------
 
 
 def folder_of(campaign, job, kind):
@@ -157,22 +146,110 @@ def folder_of(campaign, job, kind):
     return campaign.job(job.sequence, job.seed, names[kind])
 
 
-def run_slam(campaign, programs, job):
+def scene_commands(campaign, job):
+    return [stages.synth_command(job.sequence, job.output(campaign).parent)]
+
+
+def slam_commands(campaign, job):
     sequence = campaign.find(job.sequence)
     arguments = ["--camera", sequence.camera] if sequence.camera else []
     if campaign.frames:
         arguments += ["--frames", campaign.frames]
-    for setting in sequence.slam:
-        arguments += ["--set", setting]
-    report, cost = programs.run("s3-slam", "--sequence", sequence.folder, "--output",
-                                folder_of(campaign, job, "slam"), "--overwrite", *arguments)
-    return {"report": report, "cost": dataclasses.asdict(cost)}
+    return [stages.slam_command(sequence.folder, folder_of(campaign, job, "slam"), sequence.slam,
+                                arguments)]
 
 
-def run_lift(campaign, programs, job):
+def lift_commands(campaign, job):
     sequence = campaign.find(job.sequence)
-    report, cost = programs.lift(folder_of(campaign, job, "slam"), sequence.masks[job.masks],
-                                 sequence.classes, folder_of(campaign, job, "lift"))
+    return [stages.lift_command(folder_of(campaign, job, "slam"), sequence.masks[job.masks],
+                                sequence.classes, folder_of(campaign, job, "lift"))]
+
+
+def arm_commands(campaign, job):
+    """s3-refine, but for the arm `slam`, then what measures its result."""
+    sequence, settings = campaign.find(job.sequence), ARMS[job.arm]
+    slam, lifted, refined = (folder_of(campaign, job, kind) for kind in ("slam", "lift", "arm"))
+    if settings is None:
+        return eval_commands(sequence, slam, None)
+    semantics = lifted if job.masks != NO_MASKS else None
+    return [stages.refine_command(slam, semantics, refined, settings),
+            *eval_commands(sequence, refined, semantics)]
+
+
+def eval_commands(sequence, folder, semantics):
+    """Two per reference: all frames and the keyframes; planes with the first, where there are any."""
+    commands = []
+    for reference in sequence.references:
+        arguments = ["--ground-truth", reference]
+        if semantics is not None and reference == sequence.references[0]:
+            arguments += ["--planes", folder / "planes.json", "--model", folder,
+                          "--semantics", semantics, *truth_of_planes(sequence)]
+        commands += [["s3-eval", "--estimate", folder / "frames.txt", *arguments],
+                     ["s3-eval", "--estimate", folder / "keyframes.txt", "--ground-truth", reference]]
+    return commands
+
+
+def truth_of_planes(sequence):
+    if sequence.known_planes:
+        return ["--known-planes", sequence.known_planes, "--classes", sequence.classes,
+                "--set", f"planes.frame={sequence.frame}"]
+    return ["--plane-class", sequence.parallel_class] if sequence.parallel_class else []
+
+
+def commands_of(campaign, job):
+    kinds = {"scene": scene_commands, "slam": slam_commands, "lift": lift_commands,
+             "arm": arm_commands}
+    return kinds[job.kind](campaign, job)
+
+
+def programs_of(campaign, job):
+    # The scenes are the same for all seeds.
+    seed = 1 if job.kind == "scene" else job.seed
+    return stages.Programs(campaign.bin, campaign.threads, seed)
+
+
+def identity_of(campaign, job):
+    return programs_of(campaign, job).identity(
+        commands_of(campaign, job), [identity_of(campaign, needed) for needed in job.needs()])
+
+
+# ---- which are done --------------------------------------------------------------------------------
+
+
+def is_done(campaign, job):
+    """What a job needs comes first: without it, it may not be known what the job would run."""
+    return (all(is_done(campaign, needed) for needed in job.needs()) and
+            job.output(campaign).is_file() and
+            identity.is_done(job.output(campaign), identity_of(campaign, job)))
+
+
+def read_result(campaign, job):
+    """None if the job is not done."""
+    return json.loads(job.output(campaign).read_text()) if is_done(campaign, job) else None
+
+
+def remove_others(campaign):
+    """Removes what the jobs of other settings or programs left in the place of these."""
+    others = [job for job in all_jobs(campaign) if not is_done(campaign, job)]
+    for job in others:
+        job.output(campaign).unlink(missing_ok=True)
+
+
+# ---- running one job -------------------------------------------------------------------------------
+
+
+def run_job(campaign, job):
+    output = job.output(campaign)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.unlink(missing_ok=True)  # It speaks of what is replaced now.
+    made_by = identity_of(campaign, job)
+    result = (run_arm if job.kind == "arm" else run_stage)(campaign, job)
+    stages.write_json(output, {**dataclasses.asdict(job), "made_by": made_by, **result})
+
+
+def run_stage(campaign, job):
+    [command] = commands_of(campaign, job)
+    report, cost = programs_of(campaign, job).run(*command)
     return {"report": report, "cost": dataclasses.asdict(cost)}
 
 
@@ -183,37 +260,23 @@ def knows_mode(programs, settings):
     return mode is None or known is None or mode in known.group(1).split("|")
 
 
-def run_arm(campaign, programs, job):
-    sequence = campaign.find(job.sequence)
-    slam, lifted = (folder_of(campaign, job, kind) for kind in ("slam", "lift"))
-    settings = ARMS[job.arm]
-    if settings is None:
-        return {"errors": measure(programs, sequence, job, slam, None, None)}
-    if not knows_mode(programs, settings):
+def run_arm(campaign, job):
+    programs, settings = programs_of(campaign, job), ARMS[job.arm]
+    if settings and not knows_mode(programs, settings):
         return {"skipped": "this build of s3-refine does not have the mode"}
-    semantics = lifted if job.masks != NO_MASKS else None
-    refined = folder_of(campaign, job, "arm")
-    report, cost = programs.refine(slam, semantics, refined, settings)
-    return {"report": report, "cost": dataclasses.asdict(cost),
-            "errors": measure(programs, sequence, job, refined, refined / "planes.json", semantics)}
+    results = [programs.run(*command) for command in commands_of(campaign, job)]
+    refined = {}
+    if settings is not None:
+        report, cost = results.pop(0)
+        refined = {"report": report, "cost": dataclasses.asdict(cost)}
+    return {**refined, "errors": errors_of(campaign.find(job.sequence), results)}
 
 
-def measure(programs, sequence, job, folder, planes, semantics):
-    """Errors against every reference, of all frames and of the keyframes; planes with the first."""
+def errors_of(sequence, results):
+    """By reference, from what eval_commands gave."""
+    reports = [report for report, _ in results]
     errors = {}
-    for i, reference in enumerate(sequence.references):
-        arguments = ["--ground-truth", reference]
-        with_planes = planes is not None and semantics is not None and i == 0
-        if with_planes:
-            arguments += ["--planes", planes, "--model", folder, "--semantics", semantics]
-        if with_planes and sequence.known_planes:
-            arguments += ["--known-planes", sequence.known_planes, "--classes", sequence.classes,
-                          "--set", f"planes.frame={sequence.frame}"]
-        elif with_planes and sequence.parallel_class:
-            arguments += ["--plane-class", sequence.parallel_class]
-        frames, _ = programs.run("s3-eval", "--estimate", folder / "frames.txt", *arguments)
-        keyframes, _ = programs.run("s3-eval", "--estimate", folder / "keyframes.txt",
-                                    "--ground-truth", reference)
+    for reference, frames, keyframes in zip(sequence.references, reports[::2], reports[1::2]):
         frames.get("planes", {}).pop("pairs", None)
         errors[reference.name] = {"frames": frames, "keyframes": keyframes["trajectory"]}
     return errors

@@ -19,10 +19,6 @@ FIGURES = ("ate", "ate_keyframes", "ate_rotation_deg", "rpe", "rpe_rotation_deg"
 # ---- figures ---------------------------------------------------------------------------------------
 
 
-def read_json(path):
-    return json.loads(path.read_text()) if path.is_file() else None
-
-
 def arm_figures(errors):
     """The figures of one reference; those that were not measured are missing."""
     trajectory = errors["frames"]["trajectory"]
@@ -56,6 +52,12 @@ def arm_figures(errors):
     return figures
 
 
+def why_not_done(campaign, job):
+    if job.output(campaign).is_file():
+        return "what is there was made by other settings or programs"
+    return "the job has not been done"
+
+
 def collect(campaign):
     """One row per sequence, reference, seed, masks and arm; and what is missing, with the reason."""
     rows, missing = [], []
@@ -63,14 +65,14 @@ def collect(campaign):
         if not jobs.available(campaign, name):
             missing.append({"sequence": name, "reason": f"not in {campaign.find(name).folder}"})
     for job in jobs.arm_jobs(campaign):
-        result = read_json(job.output(campaign))
+        result = jobs.read_result(campaign, job)
         if result is None or "skipped" in result:
-            reason = result["skipped"] if result else "the job has not been done"
+            reason = result["skipped"] if result else why_not_done(campaign, job)
             missing.append({"sequence": job.sequence, "seed": job.seed, "masks": job.masks,
                             "arm": job.arm, "reason": reason})
             continue
-        cost = result.get("cost") or read_json(
-            jobs.Job("slam", job.sequence, job.seed).output(campaign))["cost"]
+        cost = result.get("cost") or jobs.read_result(
+            campaign, jobs.Job("slam", job.sequence, job.seed))["cost"]
         for reference, errors in result["errors"].items():
             rows.append({"sequence": job.sequence, "reference": reference, "masks": job.masks,
                          "arm": job.arm, "seed": job.seed, **arm_figures(errors),
@@ -191,7 +193,7 @@ def cost_table(campaign):
     rows = []
     for name in campaign.sequences:
         slam = [r for s in campaign.seeds
-                if (r := read_json(jobs.Job("slam", name, s).output(campaign)))]
+                if (r := jobs.read_result(campaign, jobs.Job("slam", name, s)))]
         if not slam:
             continue
         frames = slam[0]["report"]["frames"]
@@ -201,7 +203,7 @@ def cost_table(campaign):
         for kind in ("lift", "arm"):
             found = [r for job in jobs.all_jobs(campaign)
                      if job.kind == kind and job.sequence == name and job.masks != jobs.NO_MASKS
-                     and (r := read_json(job.output(campaign))) and "cost" in r]
+                     and (r := jobs.read_result(campaign, job)) and "cost" in r]
             cells.append(number(statistics.median(r["cost"]["wall_s"] for r in found), 1)
                          if found else "-")
             peak.append(max((r["cost"]["peak_mib"] for r in found), default=None))

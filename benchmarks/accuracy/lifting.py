@@ -19,6 +19,9 @@ import time
 import numpy as np
 from PIL import Image
 
+import identity
+import stages
+
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 MIN_OBSERVATIONS = 3  # Of a point, to be judged.
 MIN_OBJECT_POINTS = 50  # On a plane, to be judged.
@@ -405,6 +408,18 @@ def run_program(binary, *arguments):
                     "none"], check=True, stdout=subprocess.DEVNULL)
 
 
+def map_scene(programs, scene, seed, folder, model):
+    """The model that s3-slam makes of a scene, on whose images no corruption of masks has a part."""
+    slam = ["s3-slam", "--sequence", folder, "--output", model]
+    made_by = identity.of(programs, [["s3-synth", "--scene", scene, "--seed", seed], slam])
+    record = model.with_name(model.name + ".json")
+    if model.is_dir() and identity.is_done(record, made_by):
+        return
+    record.unlink(missing_ok=True)
+    run_program(programs / slam[0], *slam[1:])
+    stages.write_json(record, {"made_by": made_by})
+
+
 def run_synthetic(arguments, results):
     """Every scene and seed at every level of corruption, on the model that s3-slam makes of it."""
     print("\nsynthetic scenes: masks corrupted by 0 (exact) to 0.4 (hardly usable)")
@@ -417,8 +432,7 @@ def run_synthetic(arguments, results):
                 run_program(arguments.bin / "s3-synth", "--scene", scene, "--seed", seed,
                             "--mask-corruption", level, "--output", folder)
                 model = arguments.output / f"{scene}_{seed}_slam"
-                if not model.is_dir():
-                    run_program(arguments.bin / "s3-slam", "--sequence", folder, "--output", model)
+                map_scene(arguments.bin, scene, seed, folder, model)
                 for arm in ("default", "iou"):
                     measured = measure_synthetic(arguments, scene, folder, model, arm)
                     results[f"{scene} {seed} {level} {arm}"] = measured

@@ -9,6 +9,8 @@ import sys
 import tempfile
 import time
 
+import identity
+
 
 class StageFailed(Exception):
     """A program ended with an error; the message is what it printed last."""
@@ -29,9 +31,17 @@ class Programs:
         self._common = ["--quiet", "--progress", "none", "--threads", str(threads),
                         "--seed", str(seed)]
 
+    def command(self, name, *arguments):
+        return [name, *map(str, arguments), *self._common, "--json"]
+
+    def identity(self, commands, inputs=()):
+        """Of what `run` makes of these (name, arguments...), see identity.py."""
+        return identity.of(self._folder, [self.command(*words) for words in commands], inputs)
+
     def run(self, name, *arguments):
         """Runs one program; returns its JSON report and its cost."""
-        command = [str(self._folder / name), *map(str, arguments), *self._common, "--json"]
+        command = self.command(name, *arguments)
+        command[0] = str(self._folder / name)
         start = time.monotonic()
         with tempfile.TemporaryFile() as messages:
             process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=messages)
@@ -51,20 +61,16 @@ class Programs:
         return Programs(self._folder, self._threads, seed)
 
     def slam(self, sequence, output, settings=()):
-        return self.run("s3-slam", "--sequence", sequence, "--output", output, "--overwrite",
-                        *set_options(settings))
+        return self.run(*slam_command(sequence, output, settings))
 
     def lift(self, model, masks, classes, output):
-        return self.run("s3-lift", "--model", model, "--masks", masks, "--classes", classes,
-                        "--output", output, "--overwrite")
+        return self.run(*lift_command(model, masks, classes, output))
 
     def refine(self, model, semantics, output, settings=()):
-        arguments = ["--semantics", semantics] if semantics else []
-        return self.run("s3-refine", "--model", model, *arguments, "--output", output,
-                        "--overwrite", *set_options(settings))
+        return self.run(*refine_command(model, semantics, output, settings))
 
     def synthesise(self, scene, output):
-        return self.run("s3-synth", "--scene", scene, "--output", output, "--overwrite")
+        return self.run(*synth_command(scene, output))
 
     def trajectory_error(self, estimate, ground_truth, *arguments):
         """The report of s3-eval after Sim(3) alignment."""
@@ -88,6 +94,26 @@ class Programs:
         line = subprocess.run([self._folder / "s3-slam", "--version"], check=True,
                               capture_output=True, text=True).stdout
         return line.strip()
+
+
+def slam_command(sequence, output, settings=(), arguments=()):
+    return ["s3-slam", "--sequence", sequence, "--output", output, "--overwrite", *arguments,
+            *set_options(settings)]
+
+
+def lift_command(model, masks, classes, output):
+    return ["s3-lift", "--model", model, "--masks", masks, "--classes", classes, "--output", output,
+            "--overwrite"]
+
+
+def refine_command(model, semantics, output, settings=()):
+    arguments = ["--semantics", semantics] if semantics else []
+    return ["s3-refine", "--model", model, *arguments, "--output", output, "--overwrite",
+            *set_options(settings)]
+
+
+def synth_command(scene, output):
+    return ["s3-synth", "--scene", scene, "--output", output, "--overwrite"]
 
 
 def set_options(settings):

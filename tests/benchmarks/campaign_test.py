@@ -127,6 +127,55 @@ class Campaign(unittest.TestCase):
         self.assertEqual(self.calls("s3-slam"), [])
         self.assertEqual(first.partition("Cost")[0], again.partition("Cost")[0])
 
+    def num_calls(self):
+        return [len(self.calls(name)) for name in ("s3-slam", "s3-lift", "s3-refine")]
+
+    def rebuild(self, name):
+        program = self.folder / "bin" / name
+        program.write_text(program.read_text() + "# Built anew.\n")
+
+    def test_results_of_other_settings_or_programs_are_made_anew(self):
+        self.make("tum/rgbd_dataset_freiburg1_xyz")
+        arguments = ("--sequences", "fr1_xyz", "--arms", "slam", "off", "fixed")
+        self.run_campaign(*arguments)
+        self.assertEqual(self.num_calls(), [1, 1, 2])
+        self.run_campaign(*arguments, "--frames", ":5")
+        self.assertEqual(self.num_calls(), [1, 1, 2])
+        self.assertIn("--frames :5", self.calls("s3-slam")[0])
+        self.run_campaign(*arguments, "--frames", ":5", "--threads", "2")
+        self.assertEqual(self.num_calls(), [1, 1, 2])
+        self.rebuild("s3-lift")  # On which neither s3-slam nor the adjustment without planes depends.
+        self.run_campaign(*arguments, "--frames", ":5", "--threads", "2")
+        self.assertEqual(self.num_calls(), [0, 1, 1])
+        self.run_campaign(*arguments, "--frames", ":5", "--threads", "2")
+        self.assertEqual(self.num_calls(), [0, 0, 0])
+
+    def test_tables_hold_nothing_of_other_programs(self):
+        self.make("tum/rgbd_dataset_freiburg1_xyz")
+        arguments = ("--sequences", "fr1_xyz", "--arms", "slam", "fixed")
+        self.run_campaign(*arguments)
+        self.rebuild("s3-refine")
+        text = self.run_campaign(*arguments, "--tables")
+        self.assertIn("| fr1_xyz | groundtruth.txt | - | 1.0000 |", text)
+        self.assertIn("| fr1_xyz | given | fixed | 0 | what is there was made by other settings", text)
+
+    def test_scene_of_another_program_is_another_one(self):
+        for rebuilt, expected in ((), 1), ((), 0), (("s3-synth",), 1):
+            for name in rebuilt:
+                self.rebuild(name)
+            self.run_campaign("--sequences", "desk", "--arms", "off")
+            self.assertEqual(len(self.calls("s3-synth")), expected)
+            self.assertEqual(self.num_calls(), [expected, 0, expected])
+
+    def test_snakemake_finds_only_what_is_done(self):
+        self.make("tum/rgbd_dataset_freiburg1_xyz")
+        arguments = ("--sequences", "fr1_xyz", "--arms", "off", "fixed")
+        self.run_campaign(*arguments)
+        self.rebuild("s3-lift")
+        self.run_campaign(*arguments, "--prepare")
+        left = sorted(p.name for p in (self.folder / "out" / "jobs" / "fr1_xyz" / "0").glob("*.json"))
+        self.assertEqual(left, ["arm.none.off.json", "slam.json"])
+
     def test_failure_is_told_and_the_rest_is_done(self):
         self.make("tum/rgbd_dataset_freiburg1_xyz")
         self.make("kitti07", ("panoptic", "panoptic_noisy"))
