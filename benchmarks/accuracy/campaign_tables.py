@@ -187,28 +187,40 @@ def triple(values):
     return " / ".join(number(v, 2) for v in values) if values else "-"
 
 
+def costs_of(campaign, name):
+    """What the programs took of one sequence, a list over seeds (and masks) per stage or arm."""
+    costs = {}
+    for job in jobs.all_jobs(campaign):
+        result = jobs.read_result(campaign, job) if job.sequence == name else None
+        if result and "cost" in result:
+            costs.setdefault((job.kind, job.arm), []).append(result["cost"])
+    return costs
+
+
+def frames_of(campaign, name):
+    for seed in campaign.seeds:
+        if result := jobs.read_result(campaign, jobs.Job("slam", name, seed)):
+            return result["report"]["frames"]
+    return None
+
+
 def cost_table(campaign):
-    """Median over the seeds; what the stages took of one sequence, with the defaults or what arm is
-    there."""
+    """Medians over seeds and masks, of s3-refine by arm: they take different times."""
+    arms = [arm for arm in campaign.arms if jobs.ARMS[arm] is not None]
+    timed = [("slam", ""), ("lift", ""), *(("arm", arm) for arm in arms)]
     rows = []
     for name in campaign.sequences:
-        slam = [r for s in campaign.seeds
-                if (r := jobs.read_result(campaign, jobs.Job("slam", name, s)))]
-        if not slam:
+        costs, frames = costs_of(campaign, name), frames_of(campaign, name)
+        if not frames:
             continue
-        frames = slam[0]["report"]["frames"]
-        seconds = statistics.median(r["cost"]["wall_s"] for r in slam)
-        cells = [name, frames, number(seconds, 1), number(frames / seconds, 1)]
-        peak = [max(r["cost"]["peak_mib"] for r in slam)]
-        for kind in ("lift", "arm"):
-            found = [r for job in jobs.all_jobs(campaign)
-                     if job.kind == kind and job.sequence == name and job.masks != jobs.NO_MASKS
-                     and (r := jobs.read_result(campaign, job)) and "cost" in r]
-            cells.append(number(statistics.median(r["cost"]["wall_s"] for r in found), 1)
-                         if found else "-")
-            peak.append(max((r["cost"]["peak_mib"] for r in found), default=None))
-        rows.append(cells + [number(p, 0) for p in peak])
-    header = ["sequence", "frames", "s3-slam [s]", "frames/s", "s3-lift [s]", "s3-refine [s]",
+        seconds = [statistics.median(c["wall_s"] for c in costs[key]) if key in costs else None
+                   for key in timed]
+        peaks = [max((c["peak_mib"] for (kind, _), found in costs.items() if kind == stage
+                      for c in found), default=None) for stage in ("slam", "lift", "arm")]
+        cells = [number(value, 1) for value in (seconds[0], frames / seconds[0], *seconds[1:])]
+        rows.append([name, frames, *cells, *(number(p, 0) for p in peaks)])
+    refine = [("s3-refine [s]: " if arm == arms[0] else "") + arm for arm in arms]
+    header = ["sequence", "frames", "s3-slam [s]", "frames/s", "s3-lift [s]", *refine,
               "peak [MiB]: s3-slam", "s3-lift", "s3-refine"]
     return markdown(header, rows) if rows else ""
 
@@ -249,7 +261,8 @@ def document(campaign, rows, missing, baselines, published, version):
         angles_table(campaign, rows, published))
     add("Flatness: RMS distance of the points of a plane from the plane that fits them best, median "
         "of the planes.", arm_table(campaign, summary, "flatness", 5))
-    add("Cost: wall time, frames per second, peak memory.", cost_table(campaign))
+    add("Cost: wall time of each program, of s3-refine by arm, median of seeds and masks; frames per "
+        "second of s3-slam; the largest peak of memory.", cost_table(campaign))
     if baselines:
         add("Other systems' trajectories on the same images, all frames they tracked.",
             baseline_table(baselines))

@@ -201,6 +201,25 @@ class Campaign(unittest.TestCase):
         self.assertIn("camera_height.mode=auto", self.calls("s3-refine")[0])
         self.assertIn("| kitti07 | clean | hard | 0 | this build", text)
 
+    def test_cost_of_refinement_is_told_by_arm(self):
+        self.make("kitti07", ("panoptic", "panoptic_noisy"))
+        arguments = ("--sequences", "kitti07", "--arms", "slam", "off", "height", "full")
+        self.run_campaign(*arguments)
+        jobs_folder = self.folder / "out" / "jobs" / "kitti07" / "0"
+        for name, wall_s in (("slam", 4), ("lift.clean", 1), ("lift.noisy", 2), ("arm.none.off", 5),
+                             ("arm.clean.full", 6), ("arm.noisy.full", 7)):
+            path = jobs_folder / f"{name}.json"
+            result = json.loads(path.read_text())
+            result["cost"] = {"wall_s": wall_s, "cpu_s": 0, "peak_mib": 100 + wall_s}
+            path.write_text(json.dumps(result))
+        for name in ("arm.clean.height", "arm.noisy.height"):
+            (jobs_folder / f"{name}.json").unlink()
+        text = self.run_campaign(*arguments, "--tables")
+        self.assertIn("| sequence | frames | s3-slam [s] | frames/s | s3-lift [s] | "
+                      "s3-refine [s]: off | height | full | peak [MiB]: s3-slam | s3-lift | "
+                      "s3-refine |", text)
+        self.assertIn("| kitti07 | 10 | 4.0 | 2.5 | 1.5 | 5.0 | - | 6.5 | 104 | 102 | 107 |", text)
+
     def test_baselines_of_sequences_whose_names_contain_each_other(self):
         names = ["near", "near_no_loop", "desk", "fr1_desk"]
         for file_name, expected in (("orb_near_frames.txt", ("orb", "near")),
