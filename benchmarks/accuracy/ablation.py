@@ -23,8 +23,8 @@ import tables
 # What is switched off, and how.
 ARMS = {
     "nothing (the defaults)": [],
-    "best initial pair (the first that works)": ["initializer.good_points=10",
-                                                 "initializer.good_parallax_deg=0.1"],
+    "parallax and points in the choice of the initial pair": ["initializer.good_points=10",
+                                                              "initializer.good_parallax_deg=0.1"],
     "loop closing": ["loops.enabled=false"],
     "matching again (guided matching, new tracks, merging)": ["second_pass.rounds=0"],
     "sub-pixel refinement and longer tracks by patches": ["second_pass.patches.enabled=false"],
