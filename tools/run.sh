@@ -13,7 +13,8 @@ usage: tools/run.sh (--sequence DIR|VIDEO | --model DIR) --masks DIR --classes F
   --masks DIR            panoptic masks, named as the images
   --classes FILE         class table, e.g. configs/classes/coco.json
   --output DIR           receives 1_slam/, 2_lift/, 3_refine/, report.html
-  --overwrite            replace what an earlier run left in these folders
+  --overwrite            replace what an earlier run left in these folders, and remove those of its
+                         folders that this run does not make (1_slam/, 3_refine_plain/)
 
   --ground-truth FILE    TUM or KITTI trajectory: adds the trajectory error to the final table,
                          and a bundle adjustment without planes (3_refine_plain/) to compare with;
@@ -36,11 +37,39 @@ fail_usage() {
   exit 2
 }
 
+fail_input() {
+  echo "run.sh: $1" >&2
+  exit 3
+}
+
+# holds_input FOLDER: is it, or what lies in it, named on the command line?
+holds_input() {
+  local word
+  for word in "${words[@]}"; do
+    if [[ $(realpath -m -- "$word")/ == "$(realpath -m -- "$1")"/* ]]; then return 0; fi
+  done
+  return 1
+}
+
+# check_leftover FOLDER PROGRAM: notes a result of an earlier run that this one does not make, but that
+# s3-report would show as of this one. What is something else is the user's.
+check_leftover() {
+  [[ -e $1 ]] || return 0
+  if [[ ! $overwrite || -L $1 ]] || holds_input "$1" ||
+    ! grep -qs "\"program\": \"$2\"" "$1/report.json"; then
+    fail_input "$1 is not of this run, but the report would show it: move it away (--overwrite \
+removes it if an earlier run made it and no input lies in it)"
+  fi
+  leftovers+=("$1")
+}
+
+words=("$@") overwrite='' leftovers=()
 sequence='' model='' masks='' classes='' output='' ground_truth=''
 slam=() lift=() refine=() report=() common=()
 while (($# > 0)); do
   case $1 in
     --help | -h) usage && exit 0 ;;
+    --overwrite) overwrite=1 ;;&
     --overwrite | --quiet) common+=("$1") && shift && continue ;;
   esac
   (($# >= 2)) || fail_usage "$1: unknown, or without its value"
@@ -69,10 +98,9 @@ done
 [[ -n $classes ]] || fail_usage "--classes is required"
 [[ -n $output ]] || fail_usage "--output is required"
 [[ -z $ground_truth || -n $sequence ]] || fail_usage "--ground-truth needs --sequence"
-if [[ -n $ground_truth && ! -f $ground_truth ]]; then
-  echo "run.sh: $ground_truth: no such file" >&2
-  exit 3
-fi
+[[ -z $ground_truth || -f $ground_truth ]] || fail_input "$ground_truth: no such file"
+[[ -n $sequence || $model -ef $output/1_slam ]] || check_leftover "$output/1_slam" s3-slam
+[[ -n $ground_truth ]] || check_leftover "$output/3_refine_plain" s3-refine
 
 "$root/tools/build.sh" --programs
 mkdir -p "$output"
@@ -94,6 +122,7 @@ if [[ -n $ground_truth ]]; then
   report+=(--ground-truth "$ground_truth")
   summary+=(--plain "$output/3_refine_plain" --ground-truth "$ground_truth" --eval "$bin/s3-eval")
 fi
+rm -rf -- "${leftovers[@]}"
 python3 "$root/tools/summary.py" "${summary[@]}" --lift "$output/2_lift" \
   --refine "$output/3_refine"
 "$bin/s3-report" --run "$output" --output "$output/report.html" "${report[@]}" "${common[@]}" \
