@@ -161,6 +161,7 @@ void Refine(const po::variables_map& arguments, const CommonArguments& common) {
   auto options = LoadOptions<refine::Options>(common);
   options.num_threads = common.threads;
   options.solver.num_threads = common.threads;
+  options.camera_height.seed = common.seed;
   options.covariance.enabled |= arguments.count("covariance") > 0;
   if (arguments.count("gravity") > 0) options.gravity.mode = GravityMode::kFloor;
 

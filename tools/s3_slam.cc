@@ -242,6 +242,7 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   const std::string output = Required(arguments, "output");
   auto options = LoadOptions<slam::Options>(common);
   options.num_threads = common.threads;
+  options.seed = common.seed;
   const Opened opened = Open(arguments);
   const ImageSequence& sequence = opened.sequence;
   const std::filesystem::path ignore_masks = CheckIgnoreMasks(arguments, sequence);

@@ -89,7 +89,8 @@ def parse_arguments():
     parser.add_argument("--output", help="folder for everything that is made")
     parser.add_argument("--sequences", nargs="+", help="see --list")
     parser.add_argument("--arms", nargs="+", choices=list(jobs.ARMS), default=list(jobs.ARMS))
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0],
+                        help="of the samples that the stages draw")
     parser.add_argument("--threads", type=int, default=1, help="of each program")
     parser.add_argument("--frames", metavar="A:B:STEP", help="only these, for a quick look")
     parser.add_argument("--cores", type=int, default=os.cpu_count(), help="jobs at a time")

@@ -67,7 +67,7 @@ std::vector<int> GroundPoints(const SemanticMap& semantics, int class_index, con
 
 /// The plane of some points, its normal towards the cameras.
 std::optional<PlaneFit> FitGround(const std::vector<int>& indices, const Eigen::Vector3d& camera,
-                                  double sigma_px, const PlaneModel& model,
+                                  double sigma_px, uint64_t seed, const PlaneModel& model,
                                   const BundleProblem& problem) {
   std::vector<UncertainPoint> points;
   for (const int i : indices) {
@@ -75,7 +75,7 @@ std::optional<PlaneFit> FitGround(const std::vector<int>& indices, const Eigen::
     points.push_back(
         {problem.points[i], model.covariances[i] + sigma * sigma * Eigen::Matrix3d::Identity()});
   }
-  Rng rng(kGroundSeed);
+  Rng rng(kGroundSeed + seed);
   auto fit = FitPlaneRobustly(points, PlaneFitOptions(), NormalBand(), rng);
   if (fit && fit->plane.SignedDistance(camera) < 0.0) {
     fit->plane = {-fit->plane.normal, -fit->plane.offset};
@@ -84,8 +84,9 @@ std::optional<PlaneFit> FitGround(const std::vector<int>& indices, const Eigen::
 }
 
 /// Median height of single cameras over the ground points that each of them sees.
-double GuessHeight(const CameraPath& path, const std::vector<int>& ground, double sigma_px,
-                   const PlaneModel& model, const BundleProblem& problem, int min_points) {
+double GuessHeight(const CameraHeightOptions& options, const CameraPath& path,
+                   const std::vector<int>& ground, double sigma_px, const PlaneModel& model,
+                   const BundleProblem& problem) {
   std::vector<std::vector<int>> seen(problem.poses.size());
   for (const BundleObservation& o : problem.observations) {
     if (!std::binary_search(ground.begin(), ground.end(), o.point)) continue;
@@ -95,8 +96,8 @@ double GuessHeight(const CameraPath& path, const std::vector<int>& ground, doubl
   const size_t step = 1 + path.poses.size() / kMaxCamerasForGuess;
   for (size_t i = 0; i < path.poses.size(); i += step) {
     const std::vector<int>& points = seen[path.poses[i]];
-    if (static_cast<int>(points.size()) < min_points) continue;
-    const auto fit = FitGround(points, path.centers[i], sigma_px, model, problem);
+    if (static_cast<int>(points.size()) < options.min_points) continue;
+    const auto fit = FitGround(points, path.centers[i], sigma_px, options.seed, model, problem);
     if (fit) heights.push_back(fit->plane.SignedDistance(path.centers[i]));
   }
   return Median(std::move(heights));
@@ -136,7 +137,7 @@ class GroundBuilder {
     if (class_index_ < 0) return "the class table has no " + options_.ground_class;
     path_ = PathOf(map_.problem);
     const std::vector<int> ground = GroundPoints(semantics_, class_index_, map_, model_);
-    height_ = GuessHeight(path_, ground, sigma_px_, model_, map_.problem, options_.min_points);
+    height_ = GuessHeight(options_, path_, ground, sigma_px_, model_, map_.problem);
     if (!(height_ > 0.0)) return "too few points on " + options_.ground_class;
     CutIntoStretches(ground);
     std::vector<double> heights;
@@ -227,7 +228,7 @@ class GroundBuilder {
       return;
     }
     const Eigen::Vector3d& camera = path_.centers[stretch.cameras[stretch.cameras.size() / 2]];
-    stretch.fit = FitGround(stretch.points, camera, sigma_px_, model_, map_.problem);
+    stretch.fit = FitGround(stretch.points, camera, sigma_px_, options_.seed, model_, map_.problem);
     if (!stretch.fit) return;
     std::erase_if(stretch.cameras, [&](size_t i) {
       return HeightSigma(*stretch.fit, path_.centers[i]) >

@@ -2,6 +2,7 @@
 
 #include <opencv2/calib3d.hpp>
 
+#include "data_order.h"
 #include "s3lam/base/error.h"
 
 namespace s3lam {
@@ -57,13 +58,13 @@ void AddHomographyCandidates(const std::vector<cv::Point2d>& a, const std::vecto
 
 std::vector<Rigid3> RelativePoseCandidates(std::span<const Eigen::Vector2d> normalized_a,
                                            std::span<const Eigen::Vector2d> normalized_b,
-                                           double threshold) {
+                                           double threshold, uint64_t seed) {
   S3LAM_CHECK(normalized_a.size() == normalized_b.size());
   std::vector<Rigid3> candidates;
   if (normalized_a.size() < 8) return candidates;
   std::vector<cv::Point2d> a;
   std::vector<cv::Point2d> b;
-  for (size_t i = 0; i < normalized_a.size(); ++i) {
+  for (const size_t i : internal::DataOrder(normalized_a.size(), seed)) {
     a.emplace_back(normalized_a[i].x(), normalized_a[i].y());
     b.emplace_back(normalized_b[i].x(), normalized_b[i].y());
   }

@@ -71,7 +71,8 @@ std::optional<InitialPair> PairEvaluator::Evaluate(int start, int gap,
   }
   const double threshold = 2.0 / (0.5 * (camera_.fx + camera_.fy));
   std::vector<InitialPair> pairs;
-  for (const Rigid3& b_from_a : RelativePoseCandidates(normalized_a, normalized_b, threshold)) {
+  for (const Rigid3& b_from_a :
+       RelativePoseCandidates(normalized_a, normalized_b, threshold, options_.seed)) {
     if (auto pair = EvaluateMotion(b_from_a)) pairs.push_back(std::move(*pair));
   }
   if (pairs.empty()) return std::nullopt;

@@ -273,6 +273,11 @@ Options Effective(const Options& options) {
     result.tracker.keyframe_ratio = std::min(result.tracker.keyframe_ratio, kFastKeyframeRatio);
     result.tracker.min_coverage = std::min(result.tracker.min_coverage, kFastCoverage);
   }
+  for (uint64_t* seed :
+       {&result.initializer.seed, &result.tracker.seed, &result.vocabulary.seed,
+        &result.remapping.seed, &result.loops.verification.seed, &result.two_view_check.seed}) {
+    *seed = options.seed;
+  }
   return result;
 }
 

@@ -95,7 +95,7 @@ Vocabulary::Vocabulary(const VocabularyOptions& options, const std::vector<Frame
     for (int i = 0; i < frames[frame].size(); ++i) all.push_back(&frames[frame].descriptor(i));
   }
   nodes_.emplace_back();
-  Rng rng(kSeed);
+  Rng rng(kSeed + options.seed);
   std::vector<Members> members_of_node{all};  // Of the nodes of one level.
   size_t level_begin = 0;
   for (int level = 0; level < options.depth; ++level) {

@@ -61,8 +61,8 @@ class Verifier {
   std::optional<PlaceMatch> Run() {
     MatchByDescriptors();
     if (static_cast<int>(points_.size()) < kMinMatches) return std::nullopt;
-    const auto fit =
-        EstimateSimilarity(undistorter_.intrinsics(), MakePairs(points_), kMinSampleInliers);
+    const auto fit = EstimateSimilarity(undistorter_.intrinsics(), MakePairs(points_),
+                                        kMinSampleInliers, options_.seed);
     if (!fit) return std::nullopt;
     PlaceMatch match;
     match.keyframe_a = a_.keyframe;

@@ -94,11 +94,9 @@ void RemappingOptions::Visit(OptionVisitor& v) {
   v.Value("min_matches", min_matches, "of two views that can refute a map", 8, 10000);
 }
 
-std::vector<double> DoubtsOfFrames(int min_matches, const Submaps& maps,
+std::vector<double> DoubtsOfFrames(const TwoViewCheckOptions& options, const Submaps& maps,
                                    const Undistorter& undistorter, int num_threads,
                                    size_t num_frames) {
-  TwoViewCheckOptions options;
-  options.min_matches = min_matches;
   std::vector<double> doubts(num_frames, 1.0);
   for (const auto& map : maps) {
     const std::vector<double> contradictions = ContradictionOfFrames(
@@ -127,8 +125,9 @@ RemappingReport MapAgainWhereRefuted(const RemappingOptions& options,
                                      MappedSequence& mapped) {
   RemappingReport report;
   if (options.max_attempts == 0) return report;
+  const TwoViewCheckOptions check{.min_matches = options.min_matches, .seed = options.seed};
   const auto doubts_about = [&](const Submaps& maps) {
-    return DoubtsOfFrames(options.min_matches, maps, undistorter, num_threads, num_frames);
+    return DoubtsOfFrames(check, maps, undistorter, num_threads, num_frames);
   };
   const std::vector<double> doubts = doubts_about(mapped.maps);
   report.doubt_before = report.doubt = PartInDoubt(mapped.maps, doubts);

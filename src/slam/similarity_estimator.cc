@@ -129,9 +129,9 @@ std::optional<Similarity3> RefineSimilarity(const PinholeIntrinsics& camera,
 
 std::optional<SimilarityFit> EstimateSimilarity(const PinholeIntrinsics& camera,
                                                 const std::vector<PointPair>& pairs,
-                                                size_t min_inliers) {
+                                                size_t min_inliers, uint64_t seed) {
   if (pairs.size() < std::max<size_t>(min_inliers, 3)) return std::nullopt;
-  Rng rng(kSeed);
+  Rng rng(kSeed + seed);
   RansacOptions options;
   options.max_iterations = 300;
   const auto result = Ransac(SimilarityEstimator(camera, pairs), kThresholdSigma, options, rng);

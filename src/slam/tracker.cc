@@ -163,7 +163,7 @@ std::optional<std::pair<Rigid3, std::vector<PointMatch>>> Tracker::FindByDescrip
         camera.Normalize(features.keypoint(match.keypoint).undistorted.cast<double>()));
   }
   const double threshold = kRansacThresholdPx / (0.5 * (camera.fx + camera.fy));
-  const auto pose = EstimateAbsolutePose(positions, normalized, threshold);
+  const auto pose = EstimateAbsolutePose(positions, normalized, threshold, options_.seed);
   if (!pose || pose->num_inliers < kMinPoseInliers) return std::nullopt;
   std::vector<PointMatch> inliers;
   for (size_t i = 0; i < matches.size(); ++i) {

@@ -68,9 +68,9 @@ class Matches {
 
   /// The motion that explains the most of them need not be the right one: how many it explains is
   /// all that is asked.
-  [[nodiscard]] int CountExplainedByBest() const {
+  [[nodiscard]] int CountExplainedByBest(uint64_t seed) const {
     int best = 0;
-    for (const Rigid3& motion : RelativePoseCandidates(in_a_, in_b_, threshold_)) {
+    for (const Rigid3& motion : RelativePoseCandidates(in_a_, in_b_, threshold_, seed)) {
       best = std::max(best, CountExplained(motion));
     }
     return best;
@@ -124,7 +124,7 @@ std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, cons
     check.num_of_best = check.num_of_map;
     // No motion explains more than all: most pairs need no other.
     if (matches.size() - check.num_of_map <= kMotionFreedoms) return;
-    check.num_of_best = std::max(check.num_of_best, matches.CountExplainedByBest());
+    check.num_of_best = std::max(check.num_of_best, matches.CountExplainedByBest(options.seed));
   });
   std::erase_if(checks, [&](const auto& check) { return check.num_matches < options.min_matches; });
   return checks;

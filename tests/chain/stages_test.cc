@@ -212,6 +212,17 @@ TEST(Chain, KeyframesThatSeeTooLittleAreNotInTheModel) {
   Rerun("s3-refine", dir / "refined", {"--model", (dir / "strict").string()});
 }
 
+TEST(Chain, AnotherSeedGivesAnotherMapAsComplete) {
+  const TempDir dir;
+  for (const char* seed : {"0", "1"}) {
+    Rerun("s3-slam", dir / seed,
+          {"--sequence", ChainFolder("scene").string(), "--frames", "0:60", "--set",
+           "accuracy=fast", "--seed", seed});
+    EXPECT_EQ(ReadTumTrajectory(dir / seed / "frames.txt").size(), 60u) << seed;
+  }
+  EXPECT_FALSE(FileBytes(dir / "0" / "points3D.bin") == FileBytes(dir / "1" / "points3D.bin"));
+}
+
 TEST(SameBytes, LiftWithAnyNumberOfThreads) {
   const TempDir dir;
   Rerun("s3-lift", dir / "again",

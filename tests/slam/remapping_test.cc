@@ -104,14 +104,16 @@ TEST_F(RemappingTest, WhatIsNoBetterIsNotTaken) {
 TEST_F(RemappingTest, FramesInNoMapAreInDoubt) {
   const MappedSequence mapped = Mapped();
   mapped.maps.front()->tracks()[3].tracked = false;
-  const std::vector<double> doubts = DoubtsOfFrames(100, mapped.maps, undistorter_, 1, kFrames);
+  const std::vector<double> doubts =
+      DoubtsOfFrames({.min_matches = 100}, mapped.maps, undistorter_, 1, kFrames);
   EXPECT_EQ(doubts[3], 1.0);
   EXPECT_LT(doubts[4], 0.5);
 }
 
 TEST_F(RemappingTest, FramesBeyondRefutedOnesAreInDoubtUnlessOthersSeePointsOnBothSides) {
   const MappedSequence mapped = Mapped(16);
-  const std::vector<double> doubts = DoubtsOfFrames(100, mapped.maps, undistorter_, 1, kFrames);
+  const std::vector<double> doubts =
+      DoubtsOfFrames({.min_matches = 100}, mapped.maps, undistorter_, 1, kFrames);
   const double refuted = std::accumulate(doubts.begin(), doubts.end(), 0.0) / kFrames;
   ASSERT_LT(doubts[4], 0.5);
   ASSERT_LT(doubts[40], 0.5);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -26,6 +27,7 @@ struct CameraHeightOptions {
   double auto_max_spread = 0.05;
   double auto_min_coverage = 0.5;
   int min_points = 20;
+  uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);
 };

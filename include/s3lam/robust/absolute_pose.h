@@ -17,10 +17,11 @@ struct AbsolutePose {
 };
 
 /// Pose of a calibrated camera from points in the world and where it sees them (normalised
-/// coordinates), by P3P inside RANSAC (OpenCV's, with its fixed seed). `threshold` is in normalised
-/// units. Empty for fewer than four points or when no sample gives a pose.
+/// coordinates), by P3P inside RANSAC (OpenCV's, whose own seed is fixed: `seed` is that of the
+/// order in which it gets the points). `threshold` is in normalised units. Empty for fewer than
+/// four points or when no sample gives a pose.
 std::optional<AbsolutePose> EstimateAbsolutePose(std::span<const Eigen::Vector3d> points_in_world,
                                                  std::span<const Eigen::Vector2d> normalized,
-                                                 double threshold);
+                                                 double threshold, uint64_t seed);
 
 }  // namespace s3lam

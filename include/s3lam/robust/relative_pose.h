@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -9,12 +10,12 @@
 namespace s3lam {
 
 /// Candidates for the motion between two calibrated views from matched normalised coordinates: the
-/// decompositions of the essential matrix and of the homography that fit best (OpenCV's USAC, with
-/// its fixed seed). `threshold` is in normalised units; translations have norm 1. Which candidate
-/// is right (cheirality, planar ambiguity) is for the caller to decide. Empty when neither model
-/// fits.
+/// decompositions of the essential matrix and of the homography that fit best (OpenCV's USAC, whose
+/// own seed is fixed: `seed` is that of the order in which it gets the matches). `threshold` is in
+/// normalised units; translations have norm 1. Which candidate is right (cheirality, planar
+/// ambiguity) is for the caller to decide. Empty when neither model fits.
 std::vector<Rigid3> RelativePoseCandidates(std::span<const Eigen::Vector2d> normalized_a,
                                            std::span<const Eigen::Vector2d> normalized_b,
-                                           double threshold);
+                                           double threshold, uint64_t seed);
 
 }  // namespace s3lam

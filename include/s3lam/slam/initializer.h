@@ -16,6 +16,7 @@ struct InitializerOptions {
   double min_parallax_deg = 1.0;
   double good_parallax_deg = 1.5;
   int good_points = 150;
+  uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);
 };

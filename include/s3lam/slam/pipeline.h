@@ -45,11 +45,13 @@ struct Options {
   int min_localization_inliers = 15;
   int global_rounds = 5;
   int num_threads = 0;  // Not a configuration value: results do not depend on it.
+  uint64_t seed = 0;    // From the command line, of all samples that are drawn.
 
   void Visit(OptionVisitor& v);
 };
 
-/// The options as a run uses them, with what its accuracy leaves out switched off.
+/// The options as a run uses them: what its accuracy leaves out is switched off, and every step has
+/// the seed.
 Options Effective(const Options& options);
 
 /// A sequence as the algorithm sees it. The callbacks may be called from several threads at once

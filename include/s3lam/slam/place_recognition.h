@@ -14,6 +14,7 @@ struct VocabularyOptions {
   int branching = 10;
   int depth = 4;
   int max_training_descriptors = 60000;
+  uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);
 };

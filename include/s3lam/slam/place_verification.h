@@ -14,6 +14,7 @@ struct PlaceVerificationOptions {
   double min_found_share = 0.25;
   int min_support = 3;
   int neighbours = 10;
+  uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);
 };

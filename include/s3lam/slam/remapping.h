@@ -14,6 +14,7 @@ struct RemappingOptions {
   int max_attempts = 2;
   double max_doubt = 0.05;
   int min_matches = 100;
+  uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);
 };
@@ -36,8 +37,8 @@ using MapFrom = std::function<MappedSequence(const FrameSpan& start)>;
 
 /// Per frame, in [0, 1]: 1 where it is in no map or its map is refuted by pairs of keyframes around
 /// it, see Refutation. Few matches, between views far apart, refute the exactness of a map; that it
-/// is wrong is said by pairs with at least `min_matches`.
-std::vector<double> DoubtsOfFrames(int min_matches, const Submaps& maps,
+/// is wrong is said by pairs with at least RemappingOptions' `min_matches`.
+std::vector<double> DoubtsOfFrames(const TwoViewCheckOptions& options, const Submaps& maps,
                                    const Undistorter& undistorter, int num_threads,
                                    size_t num_frames);
 

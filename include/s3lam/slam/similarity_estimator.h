@@ -34,7 +34,7 @@ struct SimilarityFit {
 /// `min_inliers`.
 std::optional<SimilarityFit> EstimateSimilarity(const PinholeIntrinsics& camera,
                                                 const std::vector<PointPair>& pairs,
-                                                size_t min_inliers);
+                                                size_t min_inliers, uint64_t seed);
 
 /// Gauss-Newton on the reprojection errors of these pairs, with Huber's weights.
 std::optional<Similarity3> RefineSimilarity(const PinholeIntrinsics& camera,

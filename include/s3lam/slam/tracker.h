@@ -15,6 +15,7 @@ struct TrackerOptions {
   double keyframe_ratio = 0.85;
   double min_coverage = 0.8;
   int max_keyframe_gap = 30;
+  uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);
 };

@@ -10,6 +10,7 @@ namespace s3lam {
 struct TwoViewCheckOptions {
   bool enabled = true;
   int min_matches = 30;
+  uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);
 };
