@@ -240,6 +240,9 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
     WriteIgnoreMasks(arguments, common);
     return;
   }
+  if (!arguments["ignore-margin"].defaulted()) {
+    throw UsageError("--ignore-margin is of the masks that --sequence writes");
+  }
   LiftOptions options = LoadOptions<LiftOptions>(common);
   options.num_threads = common.threads;
   options.seed = common.seed;

@@ -92,7 +92,9 @@ void ReadSemantics(const fs::path& directory, RunFolder& run) {
   SemanticMap semantics = ReadSemanticMap(directory / kLift);
   Arm& first = run.arms.front();
   if (first.key == "before") {
-    CheckSemanticMap(semantics, first.model, (directory / kLift).string());
+    const std::string source = (directory / kLift).string();
+    CheckMadeFromModel(semantics, FingerprintOfModel(first.model), source);
+    CheckSemanticMap(semantics, first.model, source);
     for (const auto& [id, plane] : semantics.planes) first.planes.push_back(plane);
   }
   const fs::path refined = directory / kRefine / "planes.json";

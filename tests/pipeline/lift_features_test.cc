@@ -224,6 +224,7 @@ TEST_F(LiftFeatures, IgnoreMasksAndAModelExcludeEachOther) {
   WriteImages();
   ExpectRefused(Lift({"--sequence", images().string()}), kWrongUsage, {"--sequence", "--model"});
   ExpectRefused(Ignore({"--ignore-margin", "-1"}), kWrongUsage, {"--ignore-margin"});
+  ExpectRefused(Lift({"--ignore-margin", "5"}), kWrongUsage, {"--ignore-margin", "--sequence"});
 }
 
 }  // namespace

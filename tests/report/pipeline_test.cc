@@ -245,6 +245,10 @@ TEST(RunFolder, DamagedPlanesAreNamed) {
 TEST(RunFolder, SemanticsOfAnotherModelAreRefused) {
   const RunOnDisk run;
   Reconstruction other = SmallMap().estimate;
+  other.points.begin()->second.xyz.x() += 1.0;
+  run.WriteModel("1_slam", other);
+  EXPECT_THAT([&] { ReadRunFolder(run.path()); },
+              ThrowsMessage<InputError>(HasSubstr("made from another model")));
   while (other.points.size() > 10) {
     for (const TrackElement& element : other.points.begin()->second.track) {
       other.images.at(element.image_id).points2D[element.point2D_index].point_id = kInvalidPointId;
