@@ -172,8 +172,8 @@ std::string NoteOnPlanes(const Options& options, const PlaneModel& planes, size_
   return {};
 }
 
-void WarnOf(const std::vector<PlaneDistance>& unused) {
-  for (const PlaneDistance& known : unused) {
+void WarnOfUnused(const std::vector<PlaneDistance>& distances) {
+  for (const PlaneDistance& known : distances) {
     spdlog::warn(
         "the known distance of planes {} and {} is not used: the planes are off, too few points "
         "are on them, or those of the ground under the cameras stand for them",
@@ -221,7 +221,7 @@ Report RunInWorld(const Options& given_options, const Input& given, Output& outp
     report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
     if (!planar.empty()) arms.push_back(Snapshot("planar", map));
     const auto& distances = input.constraints.plane_distances;
-    WarnOf(planar.empty() ? distances : UnusedDistances(distances, planes, map.problem));
+    WarnOfUnused(planar.empty() ? distances : UnusedDistances(distances, planes, map.problem));
   }
   const ScopedStep step(report.seconds, "output");
   report.gauge_scale_change = HeldDistance(map.problem) / held_distance - 1.0;

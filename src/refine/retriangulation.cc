@@ -287,10 +287,10 @@ size_t MergePoints(const RetriangulationOptions& options, double sigma_px, Bundl
   std::vector<int> chosen;
   std::vector<double> sizes;
   for (size_t i = 0; i < pixel_size.size(); ++i) {
-    if (!(pixel_size[i] > 0.0) || !map.looks[i].is_known ||
-        map.problem.IsConstantPoint(static_cast<int>(i)))
-      continue;
-    chosen.push_back(static_cast<int>(i));
+    const int point = static_cast<int>(i);
+    if (!(pixel_size[i] > 0.0) || !map.looks[i].is_known) continue;
+    if (map.problem.IsConstantPoint(point)) continue;
+    chosen.push_back(point);
     sizes.push_back(pixel_size[i]);
   }
   if (chosen.size() < 2 || !(options.max_merge_px > 0.0)) return 0;
