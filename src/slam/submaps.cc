@@ -82,16 +82,21 @@ std::vector<PlaceMatch> FindMeetings(const SubmapOptions& options, const LoopClo
   return all;
 }
 
-/// Do two meetings of the same maps put the one into the other in the same way, at the second one?
-bool Agree(const PlaceMatch& first, const PlaceMatch& second, const Map& a, const Map& b) {
+/// A keyframe of map b as one meeting with map a puts it into the world of a.
+struct PlacedKeyframe {
+  Rigid3 cam_from_world_b;
+  Rigid3 cam_from_world_a;
+  double median_depth = 0.0;  // Of the keyframe of a that it meets.
+};
+
+/// Does one meeting of two maps put the one into the other as a second one does, at that one?
+bool Agree(const Similarity3& world_a_from_world_b, const PlacedKeyframe& second) {
   constexpr double kMaxRotation = 5.0 * std::numbers::pi / 180.0;
   constexpr double kMaxShift = 0.2;  // Of the median depth.
-  const Rigid3& camera = b.keyframe(second.keyframe_b).cam_from_world;
-  const Rigid3 by_first = TransformCameraPose(first.world_a_from_world_b, camera);
-  const Rigid3 by_second = TransformCameraPose(second.world_a_from_world_b, camera);
-  return RotationAngle(by_first.rotation, by_second.rotation) <= kMaxRotation &&
-         (by_first.CenterInB() - by_second.CenterInB()).norm() <=
-             kMaxShift * a.MedianDepth(second.keyframe_a);
+  const Rigid3 by_first = TransformCameraPose(world_a_from_world_b, second.cam_from_world_b);
+  return RotationAngle(by_first.rotation, second.cam_from_world_a.rotation) <= kMaxRotation &&
+         (by_first.CenterInB() - second.cam_from_world_a.CenterInB()).norm() <=
+             kMaxShift * second.median_depth;
 }
 
 /// The meeting that most others agree with, of those the one with the most points; empty if fewer
@@ -99,12 +104,19 @@ bool Agree(const PlaceMatch& first, const PlaceMatch& second, const Map& a, cons
 std::optional<PlaceMatch> BestMeeting(const SubmapOptions& options,
                                       const std::vector<PlaceMatch>& meetings, const Map& a,
                                       const Map& b) {
+  std::vector<PlacedKeyframe> placed;
+  for (const PlaceMatch& meeting : meetings) {
+    const Rigid3& camera = b.keyframe(meeting.keyframe_b).cam_from_world;
+    placed.push_back({camera, TransformCameraPose(meeting.world_a_from_world_b, camera),
+                      a.MedianDepth(meeting.keyframe_a)});
+  }
   std::pair<std::ptrdiff_t, size_t> most{0, 0};
   const PlaceMatch* best = nullptr;
   for (const PlaceMatch& meeting : meetings) {
     const auto agreeing =
-        std::count_if(meetings.begin(), meetings.end(),
-                      [&](const PlaceMatch& other) { return Agree(meeting, other, a, b); });
+        std::count_if(placed.begin(), placed.end(), [&](const PlacedKeyframe& keyframe) {
+          return Agree(meeting.world_a_from_world_b, keyframe);
+        });
     const std::pair<std::ptrdiff_t, size_t> support{agreeing, meeting.points.size()};
     if (best != nullptr && support <= most) continue;
     most = support;
