@@ -45,6 +45,10 @@ TEST_P(AnyProgram, NegativeThreads) {
   ExpectRefused(RunTool(GetParam(), {"--threads", "-1"}), kWrongUsage, {"threads"});
 }
 
+TEST_P(AnyProgram, NegativeSeed) {
+  ExpectRefused(RunTool(GetParam(), {"--seed", "-1"}), kWrongUsage, {"seed"});
+}
+
 TEST_P(AnyProgram, UnknownProgressStyle) {
   ExpectRefused(RunTool(GetParam(), {"--progress", "dots"}), kWrongUsage, {"dots"});
 }

@@ -38,7 +38,7 @@ po::options_description CommonDescription() {
   add("set", po::value<std::vector<std::string>>()->composing()->value_name("KEY.PATH=VALUE"),
       "set one configuration value; may be repeated");
   add("threads", po::value<int>()->default_value(0), "threads to use, 0 for all");
-  add("seed", po::value<uint64_t>()->default_value(0), "seed of all randomness");
+  add("seed", po::value<int64_t>()->default_value(0), "seed of all randomness, 0 or more");
   add("progress", po::value<std::string>()->default_value("bar"),
       "progress on stderr: bar, json or none");
   add("json", po::bool_switch(), "print the final report as JSON");
@@ -58,7 +58,9 @@ CommonArguments ParseCommon(const po::variables_map& arguments) {
   }
   common.threads = arguments["threads"].as<int>();
   if (common.threads < 0) throw UsageError("--threads must not be negative");
-  common.seed = arguments["seed"].as<uint64_t>();
+  const auto seed = arguments["seed"].as<int64_t>();
+  if (seed < 0) throw UsageError("--seed must not be negative");
+  common.seed = static_cast<uint64_t>(seed);
   common.overwrite = arguments["overwrite"].as<bool>();
   common.quiet = arguments["quiet"].as<bool>();
   common.json = arguments["json"].as<bool>();
