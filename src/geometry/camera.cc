@@ -3,6 +3,7 @@
 #include <ceres/jet.h>
 #include <Eigen/LU>
 #include <array>
+#include <numeric>
 
 #include "s3lam/base/error.h"
 
@@ -33,6 +34,12 @@ const ModelInfo& Info(CameraModel model) { return kModels[static_cast<size_t>(mo
 std::string_view CameraModelName(CameraModel model) { return Info(model).name; }
 int CameraModelNumParams(CameraModel model) { return Info(model).num_params; }
 bool CameraModelHasSingleFocal(CameraModel model) { return Info(model).single_focal; }
+
+std::vector<int> CameraModelPinholeParams(CameraModel model) {
+  std::vector<int> params(CameraModelHasSingleFocal(model) ? 3 : 4);
+  std::iota(params.begin(), params.end(), 0);
+  return params;
+}
 
 int CameraModelNumDistortion(CameraModel model) {
   return CameraModelNumParams(model) - (CameraModelHasSingleFocal(model) ? 3 : 4);

@@ -2,6 +2,7 @@
 
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
+#include <fmt/format.h>
 
 #include <Eigen/SparseCholesky>
 #include <algorithm>
@@ -176,6 +177,9 @@ class Adjustment {
 
   [[nodiscard]] bool empty() const { return problem_.NumResidualBlocks() == 0; }
   [[nodiscard]] const Camera& camera() const { return camera_; }
+  void SetCameraParams(const std::vector<double>& params) {
+    std::copy(params.begin(), params.end(), camera_.params.begin());
+  }
 
   /// Lets only these parameters of the camera vary; none: holds it and, for the gauge, the first
   /// pose.
@@ -187,7 +191,7 @@ class Adjustment {
       return;
     }
     problem_.SetParameterBlockVariable(params);
-    if (free_params.size() == camera_.params.size()) return;
+    if (free_params.size() == camera_.params.size()) return problem_.SetManifold(params, nullptr);
     std::vector<int> held;
     for (int i = 0; i < static_cast<int>(camera_.params.size()); ++i) {
       if (std::find(free_params.begin(), free_params.end(), i) == free_params.end()) {
@@ -340,24 +344,52 @@ Camera WithDistortion(const Camera& camera) {
   return result;
 }
 
-SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, const Camera& camera,
+SelfCalibrationReport CheckCalibration(const SelfCalibrationOptions& options, const Camera& camera,
                                        const CalibrationProblem& problem) {
   SelfCalibrationReport report;
   report.camera = camera;
-  Adjustment adjustment(options, WithDistortion(camera), problem, /*min_length=*/3);
+  const Camera given = WithDistortion(camera);
+  Adjustment adjustment(options, given, problem, /*min_length=*/3);
   if (adjustment.empty()) return report;
   adjustment.FreeCamera({});
   const auto held = adjustment.Solve();
   // Of a solve that has not ended, the next one's gain would not be the distortion's.
   if (!held || !held->converged || held->cost <= 0.0) return report;
   // Tangential terms, freed, take up what bends in the map more than what the lens does.
-  adjustment.FreeCamera(CameraModelRadialParams(adjustment.camera().model));
+  const std::vector<int> radial = CameraModelRadialParams(given.model);
+  adjustment.FreeCamera(radial);
   const auto refined = adjustment.Solve();
   if (!refined) return report;
   report.cost_decrease = 1.0 - refined->cost / held->cost;
   report.accepted = report.cost_decrease >= options.min_cost_decrease;
   if (report.accepted) report.camera = adjustment.camera();
+
+  std::vector<int> free_params = CameraModelPinholeParams(given.model);
+  if (report.accepted) {
+    free_params.insert(free_params.end(), radial.begin(), radial.end());
+  } else {
+    adjustment.SetCameraParams(given.params);
+  }
+  adjustment.FreeCamera(free_params);
+  const auto pinhole = adjustment.Solve();
+  if (!pinhole) return report;
+  const double before = report.accepted ? refined->cost : held->cost;
+  report.pinhole_cost_decrease = 1.0 - pinhole->cost / before;
+  if (report.pinhole_cost_decrease >= kDoubtfulCostShare) {
+    const Camera& better = adjustment.camera();
+    report.better_pinhole = {better.FocalX(), better.FocalY(), better.PrincipalX(),
+                             better.PrincipalY()};
+  }
   return report;
+}
+
+std::string DescribeBetterPinhole(const std::vector<double>& better_pinhole, double cost_decrease) {
+  return fmt::format(
+      "focal lengths of {:.1f}, {:.1f} px and a principal point of ({:.1f}, {:.1f}) px would "
+      "remove "
+      "{:.0f} % of the reprojection cost",
+      better_pinhole[0], better_pinhole[1], better_pinhole[2], better_pinhole[3],
+      100.0 * cost_decrease);
 }
 
 std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& options,

@@ -17,8 +17,6 @@ namespace {
 /// A pixel of the border must come back from its ray to within this [px].
 constexpr double kRoundTrip = 0.01;
 constexpr int kBorderSteps = 8;
-/// Part of the reprojection cost that another distortion removes if the given one is in doubt.
-constexpr double kDoubtfulShare = 0.04;
 constexpr size_t kMaxChecked = 5;  // Cameras, each of which takes about a second.
 
 struct CameraUse {
@@ -130,6 +128,22 @@ bool InvertibleOnBorder(const Camera& camera) {
   return true;
 }
 
+void WarnOfDoubts(const IntrinsicsReport& report) {
+  const auto id = report.cameras.front().value();
+  if (report.distortion_is_doubtful) {
+    spdlog::warn(
+        "camera {}: another lens distortion would remove {:.0f} % of the reprojection cost, and a "
+        "wrong one bends maps and makes their scale drift: try --set intrinsics.distortion=true",
+        id, 100.0 * report.distortion_cost_share);
+  }
+  if (!report.better_pinhole.empty()) {
+    spdlog::warn(
+        "camera {}: {}: try --set intrinsics.focal_length=true and --set "
+        "intrinsics.principal_point=true",
+        id, DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
+  }
+}
+
 }  // namespace
 
 void IntrinsicsOptions::Visit(OptionVisitor& v) {
@@ -142,10 +156,9 @@ void IntrinsicsOptions::Visit(OptionVisitor& v) {
           "what lenses do");
   v.Value("shared", shared,
           "the refined cameras of one model and image size are one, starting as the first of them");
-  v.Value(
-      "check_distortion", check_distortion,
-      "where cameras are kept, tell if a refined lens distortion would explain much better what "
-      "they saw");
+  v.Value("check", check,
+          "where cameras are kept, tell if another calibration would explain much better what they "
+          "saw");
   v.Value("cameras", cameras, "ids of the cameras that are refined; none: all");
   v.Value("min_images", min_images, "a camera that fewer images were taken with is kept", 2,
           1000000);
@@ -209,10 +222,10 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, B
   return reports;
 }
 
-std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, double sigma_px,
-                                              const BundleMap& map) {
+std::vector<IntrinsicsReport> CheckCameras(const IntrinsicsOptions& options, double sigma_px,
+                                           const BundleMap& map) {
   SelfCalibrationOptions check;
-  check.min_cost_decrease = kDoubtfulShare;
+  check.min_cost_decrease = kDoubtfulCostShare;
   std::vector<IntrinsicsReport> reports;
   for (const size_t c : MostUsedCameras(options, map.problem)) {
     const Camera& camera = map.problem.cameras[c];
@@ -220,17 +233,13 @@ std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, 
     report.cameras = map.camera_ids[c];
     report.model = report.model_after = CameraModelName(camera.model);
     report.before = report.after = camera.params;
-    const SelfCalibrationReport refined =
-        RefineDistortion(check, camera, ProblemOfCamera(map.problem, c, sigma_px));
-    report.distortion_cost_share = refined.cost_decrease;
-    report.distortion_is_doubtful = refined.accepted;
-    if (report.distortion_is_doubtful) {
-      spdlog::warn(
-          "camera {}: another lens distortion would remove {:.0f} % of the reprojection cost, and "
-          "a wrong one bends maps and makes their scale drift: try --set "
-          "intrinsics.distortion=true",
-          report.cameras.front().value(), 100.0 * report.distortion_cost_share);
-    }
+    const SelfCalibrationReport checked =
+        CheckCalibration(check, camera, ProblemOfCamera(map.problem, c, sigma_px));
+    report.distortion_cost_share = checked.cost_decrease;
+    report.distortion_is_doubtful = checked.accepted;
+    report.pinhole_cost_share = checked.pinhole_cost_decrease;
+    report.better_pinhole = checked.better_pinhole;
+    WarnOfDoubts(report);
     reports.push_back(std::move(report));
   }
   return reports;

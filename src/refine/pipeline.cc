@@ -119,8 +119,8 @@ void CountUse(const BundleMap& map, Report& report) {
 std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Report& report) {
   if (!options.intrinsics.Any()) {
     report.iterations = AdjustPlain(options, map);
-    if (options.intrinsics.check_distortion) {
-      report.cameras = CheckDistortion(options.intrinsics, options.solver.sigma_px, map);
+    if (options.intrinsics.check) {
+      report.cameras = CheckCameras(options.intrinsics, options.solver.sigma_px, map);
     }
     return {};
   }

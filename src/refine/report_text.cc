@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "s3lam/optim/self_calibration.h"
 #include "s3lam/refine/report.h"
 
 namespace s3lam {
@@ -128,7 +129,9 @@ json CamerasToJson(const RefineReport& report) {
                        {"reason", camera.reason},
                        {"params_before", camera.before},
                        {"params_after", camera.after},
-                       {"distortion_cost_share", camera.distortion_cost_share}});
+                       {"distortion_cost_share", camera.distortion_cost_share},
+                       {"pinhole_cost_share", camera.pinhole_cost_share},
+                       {"better_pinhole", camera.better_pinhole}});
   }
   return cameras;
 }
@@ -141,10 +144,15 @@ std::string Describe(const IntrinsicsReport& camera) {
     return fmt::format("{:.6g} -> {}{:.6g}", fmt::join(camera.before, " "), model,
                        fmt::join(camera.after, " "));
   }
+  std::vector<std::string> doubts;
   if (camera.distortion_is_doubtful) {
-    return fmt::format("kept, but another lens distortion would remove {:.0f} % of the cost",
-                       100.0 * camera.distortion_cost_share);
+    doubts.push_back(fmt::format("another lens distortion would remove {:.0f} % of the cost",
+                                 100.0 * camera.distortion_cost_share));
   }
+  if (!camera.better_pinhole.empty()) {
+    doubts.push_back(DescribeBetterPinhole(camera.better_pinhole, camera.pinhole_cost_share));
+  }
+  if (!doubts.empty()) return fmt::format("kept, but {}", fmt::join(doubts, "; "));
   return camera.reason.empty() ? "" : "kept, " + camera.reason;
 }
 

@@ -58,13 +58,19 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
 void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
                  Undistorter& undistorter, const Submaps& maps, Report& report) {
   if (!options.self_calibration.enabled) return;
-  const SelfCalibrationReport calibration = RefineDistortion(
+  const SelfCalibrationReport calibration = CheckCalibration(
       options.self_calibration, undistorter.camera(), MakeCalibrationProblem(maps.front()->map()));
   spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
                100.0 * calibration.cost_decrease,
                calibration.accepted ? "refined" : "camera kept as given");
   report.camera_was_refined = calibration.accepted;
   report.distortion_cost_share = calibration.cost_decrease;
+  report.pinhole_cost_share = calibration.pinhole_cost_decrease;
+  report.better_pinhole = calibration.better_pinhole;
+  if (!report.better_pinhole.empty()) {
+    spdlog::warn("is this the calibration of the camera? {}; --camera auto finds one",
+                 DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
+  }
   if (!calibration.accepted) return;
   ChangeCamera(calibration.camera, options.num_threads, frames, undistorter);
   AdjustMaps(options, maps);

@@ -19,8 +19,8 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
                   std::vector<FrameFeatures>& frames, Undistorter& undistorter, const Submaps& maps,
                   FocalReport& report);
 
-/// Checks the lens distortion against the largest map; where it is refined, everything is
-/// undistorted and adjusted again.
+/// Checks the calibration against the largest map; where the distortion is refined, everything is
+/// undistorted and adjusted again; where the rest is in doubt, says so.
 void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
                  Undistorter& undistorter, const Submaps& maps, Report& report);
 

@@ -203,6 +203,8 @@ nlohmann::json ToJson(const Report& report) {
             {"doubt", report.remapping.doubt}}},
           {"camera_was_refined", report.camera_was_refined},
           {"distortion_cost_share", report.distortion_cost_share},
+          {"pinhole_cost_share", report.pinhole_cost_share},
+          {"better_pinhole", report.better_pinhole},
           {"focal_length", report.focal ? ToJson(*report.focal) : nlohmann::json()},
           {"seconds", report.seconds},
           {"stretches", ToJsonArray(report.stretches)},

@@ -32,18 +32,49 @@ CalibrationProblem MakeProblem(const Camera& camera) {
 
 TEST(SelfCalibration, KeepsACameraThatIsRight) {
   const Camera camera = testing::MakeTestCamera(CameraModel::kPinhole);
-  const SelfCalibrationReport report = RefineDistortion({}, camera, MakeProblem(camera));
+  const SelfCalibrationReport report = CheckCalibration({}, camera, MakeProblem(camera));
   EXPECT_FALSE(report.accepted);
   EXPECT_LT(report.cost_decrease, 0.01);
   EXPECT_EQ(report.camera.model, CameraModel::kPinhole);
+  EXPECT_LT(report.pinhole_cost_decrease, 0.01);
+  EXPECT_TRUE(report.better_pinhole.empty());
 }
+
+class WrongPinhole : public ::testing::TestWithParam<std::pair<CameraModel, double>> {};
+
+TEST_P(WrongPinhole, IsToldAndKept) {
+  const auto [model, distortion] = GetParam();
+  Camera truth = testing::MakeTestCamera(model);
+  if (distortion != 0.0) truth.params[4] += distortion;
+  Camera given = testing::MakeTestCamera(model);
+  const std::vector<int> pinhole = CameraModelPinholeParams(model);
+  for (size_t i = 0; i + 2 < pinhole.size(); ++i) given.params[i] *= 1.03;
+  given.params[pinhole.back()] += 12.0;
+  const SelfCalibrationReport report = CheckCalibration({}, given, MakeProblem(truth));
+  EXPECT_EQ(report.camera.FocalX(), given.FocalX());
+  EXPECT_EQ(report.camera.PrincipalY(), given.PrincipalY());
+  EXPECT_GT(report.pinhole_cost_decrease, kDoubtfulCostShare);
+  ASSERT_EQ(report.better_pinhole.size(), 4u);
+  EXPECT_NEAR(report.better_pinhole[0], truth.FocalX(), 0.01 * truth.FocalX());
+  EXPECT_NEAR(report.better_pinhole[1], truth.FocalY(), 0.01 * truth.FocalY());
+  EXPECT_NEAR(report.better_pinhole[2], truth.PrincipalX(), 4.0);
+  EXPECT_NEAR(report.better_pinhole[3], truth.PrincipalY(), 4.0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Models, WrongPinhole,
+                         ::testing::Values(std::pair(CameraModel::kSimplePinhole, 0.0),
+                                           std::pair(CameraModel::kPinhole, 0.0),
+                                           std::pair(CameraModel::kSimpleRadial, 0.0),
+                                           std::pair(CameraModel::kOpenCv, 0.0),
+                                           std::pair(CameraModel::kOpenCv, 0.04),
+                                           std::pair(CameraModel::kFov, 0.1)));
 
 TEST(SelfCalibration, FindsADistortionThatWasNotGiven) {
   Camera truth = testing::MakeTestCamera(CameraModel::kPinhole);
   const Camera given = truth;
   truth.model = CameraModel::kOpenCv;
   truth.params.insert(truth.params.end(), {0.03, -0.01, 5e-4, -5e-4});
-  const SelfCalibrationReport report = RefineDistortion({}, given, MakeProblem(truth));
+  const SelfCalibrationReport report = CheckCalibration({}, given, MakeProblem(truth));
   ASSERT_TRUE(report.accepted);
   ASSERT_EQ(report.camera.model, CameraModel::kOpenCv);
   for (size_t i = 0; i < 4; ++i) EXPECT_EQ(report.camera.params[i], given.params[i]);
@@ -56,7 +87,7 @@ TEST(SelfCalibration, NeedsPointsSeenThreeTimes) {
   const Camera camera = testing::MakeTestCamera(CameraModel::kSimpleRadial);
   CalibrationProblem problem = MakeProblem(camera);
   problem.observations.resize(2);
-  EXPECT_FALSE(RefineDistortion({}, camera, problem).accepted);
+  EXPECT_FALSE(CheckCalibration({}, camera, problem).accepted);
 }
 
 /// A camera without distortion, and one that nobody has calibrated.

@@ -203,16 +203,40 @@ TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
             0.5 * AlignedCenterError(kept.model, map.truth));
 }
 
-TEST(RefineIntrinsics, ARightDistortionIsNotSpokenOf) {
+TEST(RefineIntrinsics, AWrongPrincipalPointIsToldAndRefinedIfWanted) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
+  Camera& camera = input.model.cameras.begin()->second;
+  const double right = camera.PrincipalX();
+  const size_t index = CameraModelHasSingleFocal(camera.model) ? 1 : 2;
+  camera.params[index] += 10.0;
+  Output kept;
+  const Report told = refine::Run(MakeOptions({"planes.mode=off"}), input, kept);
+  ASSERT_EQ(told.cameras.size(), 1u);
+  EXPECT_FALSE(told.cameras[0].refined);
+  EXPECT_EQ(told.cameras[0].after[index], right + 10.0);
+  ASSERT_EQ(told.cameras[0].better_pinhole.size(), 4u);
+  EXPECT_NEAR(told.cameras[0].better_pinhole[2], right, 1.0);
+  EXPECT_NE(ToTable(told).find("principal point of"), std::string::npos);
+  Output refined;
+  refine::Run(MakeOptions({"planes.mode=off", "intrinsics.focal_length=true",
+                           "intrinsics.principal_point=true"}),
+              input, refined);
+  EXPECT_NEAR(refined.model.cameras.begin()->second.PrincipalX(), right, 1.0);
+  EXPECT_LT(AlignedCenterError(refined.model, map.truth),
+            0.5 * AlignedCenterError(kept.model, map.truth));
+}
+
+TEST(RefineIntrinsics, ARightCalibrationIsNotSpokenOf) {
   const SyntheticMap map = MakeDeskMap();
   Output output;
   const Report report = refine::Run(MakeOptions({"planes.mode=off"}), MakeInput(map), output);
   ASSERT_EQ(report.cameras.size(), 1u);
   EXPECT_FALSE(report.cameras[0].distortion_is_doubtful);
   EXPECT_EQ(ToTable(report).find("distortion"), std::string::npos);
-  const Report unchecked =
-      refine::Run(MakeOptions({"planes.mode=off", "intrinsics.check_distortion=false"}),
-                  MakeInput(map), output);
+  EXPECT_TRUE(report.cameras[0].better_pinhole.empty());
+  const Report unchecked = refine::Run(MakeOptions({"planes.mode=off", "intrinsics.check=false"}),
+                                       MakeInput(map), output);
   EXPECT_TRUE(unchecked.cameras.empty());
 }
 

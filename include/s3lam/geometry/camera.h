@@ -34,6 +34,9 @@ int CameraModelNumParams(CameraModel model);
 /// True if the model has one focal length for both axes.
 bool CameraModelHasSingleFocal(CameraModel model);
 
+/// Focal lengths and principal point, by their indices.
+std::vector<int> CameraModelPinholeParams(CameraModel model);
+
 /// Parameters of a camera model beyond focal lengths and principal point.
 int CameraModelNumDistortion(CameraModel model);
 /// Those of them that say how far from the centre a ray goes through the image, by their indices;

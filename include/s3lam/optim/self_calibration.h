@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "s3lam/base/options.h"
@@ -32,22 +33,38 @@ struct CalibrationProblem {
   std::vector<Observation> observations;
 };
 
+/// Part of the reprojection cost that another calibration must remove for the given one to be in
+/// doubt. Calibrated cameras leave 0.0 to 0.7 %, 1.8 % with a rolling shutter or inexact clocks; a
+/// principal point that is off by 1.5 % of the image's width, or a focal length by 3 %, 8 to 37 %.
+constexpr double kDoubtfulCostShare = 0.04;
+
 struct SelfCalibrationReport {
   bool accepted = false;
   double cost_decrease = 0.0;  // Share of the cost that the given distortion left unexplained.
   Camera camera;               // As given, or refined.
+  /// Share of the cost with `camera` that other focal lengths and another principal point would
+  /// remove (a distortion that was accepted is refined with them), and these: fx, fy, cx, cy [px];
+  /// empty if the share is below kDoubtfulCostShare.
+  double pinhole_cost_decrease = 0.0;
+  std::vector<double> better_pinhole;
 };
+
+/// "focal lengths of ... px and a principal point of ... px would remove ... % of the reprojection
+/// cost".
+std::string DescribeBetterPinhole(const std::vector<double>& better_pinhole, double cost_decrease);
 
 /// The same camera with a model that has the usual distortion terms: pinhole and one- or
 /// two-parameter models become OPENCV, others stay as they are.
 Camera WithDistortion(const Camera& camera);
 
-/// Does the lens distortion of a camera explain what it saw? Adjusts poses and points with the
-/// radial distortion held and with it free (all else stays as calibrated); the refined camera, see
+/// Does the calibration of a camera explain what it saw? Adjusts poses and points with the radial
+/// distortion held and with it free (all else stays as calibrated); the refined camera, see
 /// WithDistortion, is accepted if that removes at least min_cost_decrease of the cost. Rectified
 /// images often keep a little distortion, which bends monocular trajectories: a hundredth of the
-/// cost is enough to tell, since a right calibration leaves about a thousandth.
-SelfCalibrationReport RefineDistortion(const SelfCalibrationOptions& options, const Camera& camera,
+/// cost is enough to tell, since a right calibration leaves about a thousandth. Then also with
+/// focal lengths and principal point free, which are never accepted but told: not every motion
+/// determines them.
+SelfCalibrationReport CheckCalibration(const SelfCalibrationOptions& options, const Camera& camera,
                                        const CalibrationProblem& problem);
 
 /// What is known of a focal length beforehand.

@@ -15,7 +15,7 @@ struct IntrinsicsOptions {
   bool distortion = false;
   bool tangential = false;  // As well, if the distortion is refined.
   bool shared = false;
-  bool check_distortion = true;
+  bool check = true;
   std::vector<std::string> cameras;
   int min_images = 5;
   int min_observations = 500;
@@ -36,6 +36,10 @@ struct IntrinsicsReport {
   /// Share of the reprojection cost that a refined lens distortion would remove; 0 if not checked.
   double distortion_cost_share = 0.0;
   bool distortion_is_doubtful = false;  // That share is notable.
+  /// The same of focal lengths and principal point together, of the cost that a doubtful distortion
+  /// leaves, and fx, fy, cx, cy [px] of better ones; empty if the share is not notable.
+  double pinhole_cost_share = 0.0;
+  std::vector<double> better_pinhole;
   std::vector<double> before;
   std::vector<double> after;
 };
@@ -50,12 +54,12 @@ std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel mod
 /// options that the map does not have.
 std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map);
 
-/// How much of the reprojection cost of an adjusted map a refined lens distortion would remove, see
-/// RefineDistortion, of the five cameras with the most observations in use, if enough images and
-/// observations see them. What a wrong distortion does to a map (it bends, and its scale drifts) is
-/// not told by its residuals' size.
-std::vector<IntrinsicsReport> CheckDistortion(const IntrinsicsOptions& options, double sigma_px,
-                                              const BundleMap& map);
+/// How much of the reprojection cost of an adjusted map another calibration would remove, see
+/// CheckCalibration, of the five cameras with the most observations in use, if enough images and
+/// observations see them. What a wrong calibration does to a map (it bends, and its scale drifts)
+/// is not told by its residuals' size.
+std::vector<IntrinsicsReport> CheckCameras(const IntrinsicsOptions& options, double sigma_px,
+                                           const BundleMap& map);
 
 /// Why the refined parameters of a camera cannot be believed; empty if they can: the focal length
 /// changed by at most max_focal_change, the principal point moved by at most max_principal_shift of
