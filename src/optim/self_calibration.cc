@@ -177,9 +177,6 @@ class Adjustment {
 
   [[nodiscard]] bool empty() const { return problem_.NumResidualBlocks() == 0; }
   [[nodiscard]] const Camera& camera() const { return camera_; }
-  void SetCameraParams(const std::vector<double>& params) {
-    std::copy(params.begin(), params.end(), camera_.params.begin());
-  }
 
   /// Lets only these parameters of the camera vary; none: holds it and, for the gauge, the first
   /// pose.
@@ -364,17 +361,13 @@ SelfCalibrationReport CheckCalibration(const SelfCalibrationOptions& options, co
   report.accepted = report.cost_decrease >= options.min_cost_decrease;
   if (report.accepted) report.camera = adjustment.camera();
 
+  // With the distortion, which takes up a part of what is wrong with them.
   std::vector<int> free_params = CameraModelPinholeParams(given.model);
-  if (report.accepted) {
-    free_params.insert(free_params.end(), radial.begin(), radial.end());
-  } else {
-    adjustment.SetCameraParams(given.params);
-  }
+  free_params.insert(free_params.end(), radial.begin(), radial.end());
   adjustment.FreeCamera(free_params);
   const auto pinhole = adjustment.Solve();
   if (!pinhole) return report;
-  const double before = report.accepted ? refined->cost : held->cost;
-  report.pinhole_cost_decrease = 1.0 - pinhole->cost / before;
+  report.pinhole_cost_decrease = 1.0 - pinhole->cost / refined->cost;
   if (report.pinhole_cost_decrease >= kDoubtfulCostShare) {
     const Camera& better = adjustment.camera();
     report.better_pinhole = {better.FocalX(), better.FocalY(), better.PrincipalX(),
@@ -385,9 +378,8 @@ SelfCalibrationReport CheckCalibration(const SelfCalibrationOptions& options, co
 
 std::string DescribeBetterPinhole(const std::vector<double>& better_pinhole, double cost_decrease) {
   return fmt::format(
-      "focal lengths of {:.1f}, {:.1f} px and a principal point of ({:.1f}, {:.1f}) px would "
-      "remove "
-      "{:.0f} % of the reprojection cost",
+      "focal lengths of {:.1f}, {:.1f} px and a principal point of ({:.1f}, {:.1f}) px, with a "
+      "distortion to match, would remove {:.0f} % of the reprojection cost",
       better_pinhole[0], better_pinhole[1], better_pinhole[2], better_pinhole[3],
       100.0 * cost_decrease);
 }

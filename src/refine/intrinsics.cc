@@ -138,8 +138,9 @@ void WarnOfDoubts(const IntrinsicsReport& report) {
   }
   if (!report.better_pinhole.empty()) {
     spdlog::warn(
-        "camera {}: {}: try --set intrinsics.focal_length=true and --set "
-        "intrinsics.principal_point=true",
+        "camera {}: {}: try --set intrinsics.focal_length=true, intrinsics.principal_point=true "
+        "and "
+        "intrinsics.distortion=true",
         id, DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
   }
 }

@@ -204,7 +204,11 @@ TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
 }
 
 TEST(RefineIntrinsics, AWrongPrincipalPointIsToldAndRefinedIfWanted) {
-  const SyntheticMap map = MakeDeskMap();
+  SyntheticMapOptions options;
+  options.num_images = 16;
+  options.num_points = 1500;
+  options.pixel_sigma = 0.2;
+  const SyntheticMap map = MakeSyntheticMap("desk", 3, options);
   Input input = MakeInput(map);
   Camera& camera = input.model.cameras.begin()->second;
   const double right = camera.PrincipalX();

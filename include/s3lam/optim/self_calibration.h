@@ -34,23 +34,23 @@ struct CalibrationProblem {
 };
 
 /// Part of the reprojection cost that another calibration must remove for the given one to be in
-/// doubt. Calibrated cameras leave 0.0 to 0.7 %, 1.8 % with a rolling shutter or inexact clocks; a
-/// principal point that is off by 1.5 % of the image's width, or a focal length by 3 %, 8 to 37 %.
+/// doubt. Where cameras are calibrated it is 0.0 to 0.9 %, 1.8 % with inexact clocks; with a
+/// principal point off by 1.5 % of the image's width 7 to 37 %, with a focal length off by 3 % from
+/// 1 % (on a drive, which leaves it to the scene's depth) to 36 %.
 constexpr double kDoubtfulCostShare = 0.04;
 
 struct SelfCalibrationReport {
   bool accepted = false;
   double cost_decrease = 0.0;  // Share of the cost that the given distortion left unexplained.
   Camera camera;               // As given, or refined.
-  /// Share of the cost with `camera` that other focal lengths and another principal point would
-  /// remove (a distortion that was accepted is refined with them), and these: fx, fy, cx, cy [px];
-  /// empty if the share is below kDoubtfulCostShare.
+  /// Share of the cost with a refined distortion that other focal lengths and another principal
+  /// point, refined together with it, would remove, and these: fx, fy, cx, cy [px]; empty if the
+  /// share is below kDoubtfulCostShare.
   double pinhole_cost_decrease = 0.0;
   std::vector<double> better_pinhole;
 };
 
-/// "focal lengths of ... px and a principal point of ... px would remove ... % of the reprojection
-/// cost".
+/// "focal lengths of ... and a principal point of ... would remove ... of the reprojection cost".
 std::string DescribeBetterPinhole(const std::vector<double>& better_pinhole, double cost_decrease);
 
 /// The same camera with a model that has the usual distortion terms: pinhole and one- or

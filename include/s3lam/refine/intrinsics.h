@@ -36,8 +36,8 @@ struct IntrinsicsReport {
   /// Share of the reprojection cost that a refined lens distortion would remove; 0 if not checked.
   double distortion_cost_share = 0.0;
   bool distortion_is_doubtful = false;  // That share is notable.
-  /// The same of focal lengths and principal point together, of the cost that a doubtful distortion
-  /// leaves, and fx, fy, cx, cy [px] of better ones; empty if the share is not notable.
+  /// What other focal lengths and another principal point would remove of the rest, and fx, fy, cx,
+  /// cy [px] of these; empty if the share is not notable.
   double pinhole_cost_share = 0.0;
   std::vector<double> better_pinhole;
   std::vector<double> before;

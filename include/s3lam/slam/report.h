@@ -83,7 +83,7 @@ struct Report {
   bool camera_was_refined = false;
   double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
   /// What other focal lengths and another principal point would remove of the rest, and fx, fy, cx,
-  /// cy [px] of these if that puts the given ones in doubt, see CheckCalibration.
+  /// cy [px] of these if they put the given ones in doubt, see CheckCalibration.
   double pinhole_cost_share = 0.0;
   std::vector<double> better_pinhole;
   std::vector<FrameReport> frames;
