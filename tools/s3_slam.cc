@@ -70,8 +70,9 @@ Opened Open(const po::variables_map& arguments) {
                                : FrameRange{};
   Opened opened;
   ImageSequence& sequence = opened.sequence;
-  sequence = OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range);
   const std::string camera = CameraArgument(arguments);
+  sequence = OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range,
+                          camera.empty() ? OwnCamera::kRead : OwnCamera::kIgnored);
   if (camera == kCameraAuto) {
     opened.guess = GuessCamera(sequence);
     sequence.camera = opened.guess->camera;

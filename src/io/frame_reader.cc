@@ -1,8 +1,12 @@
+#include <algorithm>
+#include <cmath>
+#include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
 #include "s3lam/io/image_file.h"
 #include "s3lam/io/image_sequence.h"
 #include "video_capture.h"
@@ -44,15 +48,26 @@ class VideoReader {
   int next_ = -1;  // The frame that the next grab gives.
 };
 
+/// Bits that the values of 16-bit images use: those of a sensor of 10, 12 or 14 bits often stand in
+/// the lower ones, and would be nearly black.
+int UsedBits(double largest) {
+  for (const int bits : {8, 10, 12, 14}) {
+    if (largest < static_cast<double>(1 << bits)) return bits;
+  }
+  return 16;
+}
+
 }  // namespace
 
 struct FrameReader::Impl {
   ImageSequence sequence;
   std::unique_ptr<VideoReader> video;
+  std::once_flag scale_is_known;
+  double scale = 1.0 / 256.0;  // Of 16-bit images, the same for the whole sequence.
 
-  cv::Mat Read(size_t frame_index, int imread_flags) const {
+  cv::Mat Read(size_t frame_index, int imread_flags) {
     const SequenceFrame& frame = sequence.frames.at(frame_index);
-    cv::Mat image = video ? video->Read(frame.index) : ReadImageFile(frame.path, imread_flags);
+    cv::Mat image = video ? video->Read(frame.index) : ReadImage(frame.path, imread_flags);
     const auto& camera = sequence.camera;
     if (camera && (image.cols != camera->width || image.rows != camera->height)) {
       ThrowInputError(
@@ -62,6 +77,38 @@ struct FrameReader::Impl {
           camera->height);
     }
     return image;
+  }
+
+  cv::Mat ReadImage(const std::filesystem::path& path, int imread_flags) {
+    cv::Mat image = ReadImageFile(path, imread_flags | cv::IMREAD_ANYDEPTH);
+    if (image.depth() == CV_8U) return image;
+    if (image.depth() != CV_16U) return ReadImageFile(path, imread_flags);
+    std::call_once(scale_is_known, [&] { FindScale(); });
+    // Without rounding: of full 16 bits, the upper eight.
+    image.convertTo(image, CV_8U, scale, -0.5 + 0.5 * scale);
+    return image;
+  }
+
+  /// From some frames of the whole sequence; those that cannot be read say so when they are due.
+  void FindScale() {
+    constexpr size_t kSamples = 8;
+    double largest = 0.0;
+    for (size_t i = 0; i < kSamples; ++i) {
+      const size_t index = i * (sequence.frames.size() - 1) / (kSamples - 1);
+      try {
+        const cv::Mat image =
+            ReadImageFile(sequence.frames[index].path, cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH);
+        if (image.depth() != CV_16U) continue;
+        double max = 0.0;
+        cv::minMaxLoc(image, nullptr, &max);
+        largest = std::max(largest, max);
+      } catch (const InputError&) {
+        continue;
+      }
+    }
+    const int bits = UsedBits(largest);
+    scale = std::exp2(8 - bits);
+    if (bits < 16) spdlog::info("16-bit images are taken as of {} bits", bits);
   }
 };
 

@@ -49,17 +49,17 @@ std::optional<CameraFile> FindCameraFile(const std::vector<fs::path>& folders) {
   return std::nullopt;
 }
 
-ImageSequence OpenFormat(const fs::path& path, SequenceFormat format,
-                         const VideoLister& list_video) {
+ImageSequence OpenFormat(const fs::path& path, SequenceFormat format, const VideoLister& list_video,
+                         OwnCamera camera) {
   switch (format) {
     case SequenceFormat::kTum:
       return internal::OpenTum(path);
     case SequenceFormat::kKitti:
-      return internal::OpenKitti(path);
+      return internal::OpenKitti(path, camera);
     case SequenceFormat::kKittiRaw:
-      return internal::OpenKittiRaw(path);
+      return internal::OpenKittiRaw(path, camera);
     case SequenceFormat::kEuroc:
-      return internal::OpenEuroc(path);
+      return internal::OpenEuroc(path, camera);
     case SequenceFormat::kVideo:
       return list_video(path);
     case SequenceFormat::kAuto:
@@ -71,16 +71,12 @@ ImageSequence OpenFormat(const fs::path& path, SequenceFormat format,
   return internal::OpenFolder(path, has_fps ? 1.0 / *file->fps : internal::kDefaultPeriodS);
 }
 
-/// Numbers the frames and holds them against each other.
-void CheckFrames(const std::string& source, ImageSequence& sequence) {
+/// Numbers the frames and checks what they are called.
+void CheckNames(const std::string& source, ImageSequence& sequence) {
   std::set<std::string_view> names;
   for (size_t i = 0; i < sequence.frames.size(); ++i) {
     SequenceFrame& frame = sequence.frames[i];
     frame.index = static_cast<int>(i);
-    if (i > 0 && frame.time_s <= sequence.frames[i - 1].time_s) {
-      ThrowInputError("{}: the time of {} ({} s) is not after that of the frame before it", source,
-                      frame.name, frame.time_s);
-    }
     if (!IsNameWithin(frame.name)) {
       ThrowInputError("{}: image name leaves the folder of the images: {}", source, frame.name);
     }
@@ -104,6 +100,15 @@ void SelectFrames(const FrameRange& range, const std::string& source, ImageSeque
   sequence.frames = std::move(selected);
 }
 
+void CheckTimes(const std::string& source, const ImageSequence& sequence) {
+  for (size_t i = 1; i < sequence.frames.size(); ++i) {
+    const SequenceFrame& frame = sequence.frames[i];
+    if (frame.time_s > sequence.frames[i - 1].time_s) continue;
+    ThrowInputError("{}: the time of {} ({} s) is not after that of the frame before it", source,
+                    frame.name, frame.time_s);
+  }
+}
+
 void CheckFilesExist(const ImageSequence& sequence) {
   for (const SequenceFrame& frame : sequence.frames) {
     if (!frame.path.empty() && !fs::is_regular_file(frame.path)) {
@@ -124,7 +129,7 @@ int ParseField(std::string_view field, int min, const std::string& text) {
 }
 
 ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const FrameRange& range,
-                          const VideoLister& list_video) {
+                          const VideoLister& list_video, OwnCamera camera) {
   const std::string source = path.string();
   if (!fs::exists(path)) ThrowInputError("{}: no such file or directory", source);
   if (format == SequenceFormat::kAuto) format = DetectFormat(path);
@@ -134,14 +139,17 @@ ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const Fra
   if (format != SequenceFormat::kVideo && !fs::is_directory(path)) {
     ThrowInputError("{}: not a directory", source);
   }
-  ImageSequence sequence = OpenFormat(path, format, list_video);
-  CheckFrames(source, sequence);
+  ImageSequence sequence = OpenFormat(path, format, list_video, camera);
+  CheckNames(source, sequence);
   const fs::path& root = sequence.image_root;
   std::vector<fs::path> folders = {path, root};
   // Beside the images, but not beside the folder that was named (unless that is a video).
   if (root != path || format == SequenceFormat::kVideo) folders.push_back(root.parent_path());
-  if (const auto file = FindCameraFile(folders)) sequence.camera = file->camera;
+  if (camera == OwnCamera::kRead) {
+    if (const auto file = FindCameraFile(folders)) sequence.camera = file->camera;
+  }
   SelectFrames(range, source, sequence);
+  CheckTimes(source, sequence);
   CheckFilesExist(sequence);
   return sequence;
 }
@@ -178,10 +186,10 @@ std::string NameOfVideoFrame(const fs::path& video, int index) {
 }
 
 ImageSequence OpenSequence(const fs::path& path, SequenceFormat format, const FrameRange& range,
-                           const VideoLister& list_video) {
+                           const VideoLister& list_video, OwnCamera camera) {
   S3LAM_CHECK(range.first >= 0 && range.step > 0);
   try {
-    return OpenChecked(path, format, range, list_video);
+    return OpenChecked(path, format, range, list_video, camera);
   } catch (const fs::filesystem_error& error) {  // Folders that may not be looked into.
     ThrowInputError("{}: {}", error.path1().string(), error.code().message());
   }

@@ -37,6 +37,7 @@ class SensorYaml {
     std::istringstream value(text_.substr(Find(key), text_.find('\n', Find(key)) - Find(key)));
     std::string word;
     value >> word;
+    std::erase_if(word, [](char c) { return c == '"' || c == '\''; });
     return word;
   }
 
@@ -111,7 +112,7 @@ Camera ReadSensorYaml(const fs::path& path) {
 
 bool IsEurocSequence(const fs::path& path) { return !FindCameraFolder(path).empty(); }
 
-ImageSequence OpenEuroc(const fs::path& path) {
+ImageSequence OpenEuroc(const fs::path& path, OwnCamera camera) {
   const fs::path folder = FindCameraFolder(path);
   if (folder.empty()) ThrowInputError("{}: no mav0/cam0/data.csv (EuRoC)", path.string());
   ImageSequence sequence;
@@ -133,7 +134,8 @@ ImageSequence OpenEuroc(const fs::path& path) {
         {static_cast<double>(nanoseconds) * 1e-9, name, sequence.image_root / name});
   }
   if (sequence.frames.empty()) ThrowInputError("{}: lists no images", list);
-  if (fs::exists(folder / "sensor.yaml")) sequence.camera = ReadSensorYaml(folder / "sensor.yaml");
+  const fs::path sensor = folder / "sensor.yaml";
+  if (camera == OwnCamera::kRead && fs::exists(sensor)) sequence.camera = ReadSensorYaml(sensor);
   return sequence;
 }
 

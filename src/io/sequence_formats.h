@@ -18,9 +18,9 @@ bool IsKittiRawSequence(const std::filesystem::path& path);
 bool IsEurocSequence(const std::filesystem::path& path);
 
 ImageSequence OpenTum(const std::filesystem::path& path);
-ImageSequence OpenKitti(const std::filesystem::path& path);
-ImageSequence OpenKittiRaw(const std::filesystem::path& path);
-ImageSequence OpenEuroc(const std::filesystem::path& path);
+ImageSequence OpenKitti(const std::filesystem::path& path, OwnCamera camera);
+ImageSequence OpenKittiRaw(const std::filesystem::path& path, OwnCamera camera);
+ImageSequence OpenEuroc(const std::filesystem::path& path, OwnCamera camera);
 /// `period_s` is the time from one image to the next.
 ImageSequence OpenFolder(const std::filesystem::path& path, double period_s);
 

@@ -144,7 +144,7 @@ bool IsKittiRawSequence(const fs::path& path) {
   return FindCamera(path, "image_{:02d}/data").has_value();
 }
 
-ImageSequence OpenKitti(const fs::path& path) {
+ImageSequence OpenKitti(const fs::path& path, OwnCamera own_camera) {
   const auto camera = FindCamera(path, "image_{}");
   if (!camera) ThrowInputError("{}: no folder image_0 (KITTI odometry)", path.string());
   ImageSequence sequence =
@@ -152,20 +152,21 @@ ImageSequence OpenKitti(const fs::path& path) {
   const fs::path times = path / "times.txt";
   AssignTimes(ReadTimes(times, /*dates=*/false), times.string(), sequence);
   const fs::path calibration = path / "calib.txt";
-  if (fs::exists(calibration)) {
+  if (own_camera == OwnCamera::kRead && fs::exists(calibration)) {
     const cv::Size size = ReadImageSize(sequence.frames[0].path);
     sequence.camera = CameraFromProjection(calibration, fmt::format("P{}", *camera), size);
   }
   return sequence;
 }
 
-ImageSequence OpenKittiRaw(const fs::path& path) {
+ImageSequence OpenKittiRaw(const fs::path& path, OwnCamera own_camera) {
   const auto camera = FindCamera(path, "image_{:02d}/data");
   if (!camera) ThrowInputError("{}: no folder image_00/data (KITTI raw)", path.string());
   const fs::path folder = path / fmt::format("image_{:02d}", *camera);
   ImageSequence sequence = ListFrames(folder / "data", SequenceFormat::kKittiRaw);
   const fs::path times = folder / "timestamps.txt";
   AssignTimes(ReadTimes(times, /*dates=*/true), times.string(), sequence);
+  if (own_camera == OwnCamera::kIgnored) return sequence;
   // The calibration belongs to the day, whose folder holds the drives.
   const fs::path absolute = fs::absolute(path).lexically_normal();
   const fs::path drive = absolute.has_filename() ? absolute : absolute.parent_path();

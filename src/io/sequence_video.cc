@@ -49,8 +49,8 @@ ImageSequence OpenVideo(const std::filesystem::path& path) {
 }  // namespace
 
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
-                           const FrameRange& range) {
-  return OpenSequence(path, format, range, OpenVideo);
+                           const FrameRange& range, OwnCamera camera) {
+  return OpenSequence(path, format, range, OpenVideo, camera);
 }
 
 }  // namespace s3lam

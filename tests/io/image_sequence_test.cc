@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
@@ -258,6 +259,8 @@ TEST(EurocSequence, OtherDistortionsAndFaults) {
             CameraModel::kOpenCvFisheye);
   with("radial-tangential", "none");
   EXPECT_EQ(OpenSequence(dir.path(), SequenceFormat::kEuroc).camera->params.size(), 4u);
+  with("radial-tangential", "\"radial-tangential\"");
+  EXPECT_EQ(OpenSequence(dir.path(), SequenceFormat::kEuroc).camera->model, CameraModel::kOpenCv);
   with("radial-tangential", "omni");
   ExpectError(dir.path(), SequenceFormat::kEuroc, "'omni' is not supported");
   with("intrinsics:", "intrinsic:");
@@ -271,6 +274,33 @@ TEST(EurocSequence, OtherDistortionsAndFaults) {
   WriteEuroc(dir, kSensorYaml);
   dir.Write("mav0/cam0/data.csv", "1403638538577829376 a.png\n");
   ExpectError(dir.path(), SequenceFormat::kEuroc, "data.csv: line 1");
+}
+
+TEST(ImageSequence, ACameraThatIsNotWantedIsNotRead) {
+  const TempDir dir;
+  WriteEuroc(dir, "distortion_model: omni\n");
+  const auto open = [&](SequenceFormat format) {
+    return OpenSequence(dir.path(), format, {}, OwnCamera::kIgnored);
+  };
+  EXPECT_FALSE(open(SequenceFormat::kEuroc).camera.has_value());
+  dir.Write("image_0/000000.png", EncodedImage(0));
+  dir.Write("times.txt", "0\n");
+  dir.Write("calib.txt", "P1: nothing\n");
+  EXPECT_FALSE(open(SequenceFormat::kKitti).camera.has_value());
+  dir.Write("camera.json", kCameraJson);
+  EXPECT_FALSE(open(SequenceFormat::kKitti).camera.has_value());
+  EXPECT_TRUE(OpenSequence(dir.path(), SequenceFormat::kFolder).camera.has_value());
+}
+
+TEST(ImageSequence, TimesMustIncreaseAmongTheFramesThatAreTaken) {
+  const TempDir dir;
+  for (int i = 0; i < 4; ++i) dir.Write(fmt::format("rgb/{}.png", i), EncodedImage(i));
+  dir.Write("rgb.txt", "1 rgb/0.png\n2 rgb/1.png\n2 rgb/2.png\n3 rgb/3.png\n");
+  ExpectError(dir.path(), SequenceFormat::kTum, "2.png (2 s) is not after");
+  EXPECT_THAT(Times(OpenSequence(dir.path(), SequenceFormat::kTum, {0, 2, 1})),
+              ElementsAre(1.0, 2.0));
+  EXPECT_THAT(Times(OpenSequence(dir.path(), SequenceFormat::kTum, {0, -1, 2})),
+              ElementsAre(1.0, 2.0));
 }
 
 TEST(VideoSequence, FramesAreReadInAnyOrder) {
@@ -320,6 +350,30 @@ TEST(FrameReader, ReadsColourAndGrayAndNamesBadImages) {
   EXPECT_THAT([&] { (void)reader.Read(2); }, ThrowsMessage<InputError>(HasSubstr("2.png")));
   EXPECT_EQ(reader.Read(3).type(), CV_8UC1);
   EXPECT_EQ(reader.Read(3).at<uint8_t>(3, 3), 0x7f);
+}
+
+/// A sequence of 16-bit images, each of one value.
+std::string EncodedDeepImage(int value, int type = CV_16UC1) {
+  std::vector<uchar> bytes;
+  cv::imencode(".png", cv::Mat(24, 32, type, cv::Scalar::all(value)), bytes);
+  return {bytes.begin(), bytes.end()};
+}
+
+TEST(FrameReader, BitsThatASensorDoesNotHaveAreNotMissed) {
+  for (const auto& [bits, largest] : {std::pair(8, 200), std::pair(10, 1000), std::pair(12, 4000),
+                                      std::pair(14, 9000), std::pair(16, 60000)}) {
+    const TempDir dir;
+    for (int i = 0; i < 20; ++i) {
+      dir.Write(fmt::format("{:02}.png", i),
+                EncodedDeepImage(i < 10 ? largest / 4 : largest, i < 15 ? CV_16UC1 : CV_16UC3));
+    }
+    const FrameReader reader(OpenSequence(dir.path(), SequenceFormat::kFolder));
+    const double scale = std::exp2(8 - bits);
+    EXPECT_EQ(reader.ReadGray(1).at<uint8_t>(3, 3), static_cast<int>(scale * (largest / 4)));
+    EXPECT_EQ(reader.ReadGray(12).at<uint8_t>(3, 3), static_cast<int>(scale * largest));
+    EXPECT_EQ(reader.Read(17).type(), CV_8UC3);
+    EXPECT_EQ(reader.Read(17).at<cv::Vec3b>(3, 3)[1], static_cast<int>(scale * largest));
+  }
 }
 
 TEST(FrameReader, AnImageOfAnotherSizeThanTheCameraIsRefused) {

@@ -42,6 +42,9 @@ struct ImageSequence {
   std::optional<Camera> camera;       // What the sequence brings, in COLMAP's pixel convention.
 };
 
+/// Whether the camera that a sequence brings is read, or another one will be given.
+enum class OwnCamera { kRead, kIgnored };
+
 /// Lists a sequence:
 ///   tum        rgb.txt ("timestamp path") and the files it names
 ///   kitti      image_0 (or image_2 ...), times.txt, calib.txt (P0; principal point + 0.5)
@@ -51,16 +54,17 @@ struct ImageSequence {
 ///   Hz video      any file OpenCV opens
 /// kAuto takes the first of these that fits. A camera.json in the folder (or beside the images)
 /// wins over what the format brings. Throws InputError naming what is missing or malformed: a
-/// listed image that does not exist, times that do not increase, an empty range.
+/// listed image that does not exist, an empty range, times that do not increase within the range.
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
-                           const FrameRange& range = {});
+                           const FrameRange& range = {}, OwnCamera camera = OwnCamera::kRead);
 
 /// The same, but what frames a video has is for the caller to say; their numbers and times
 /// included. A program that calls only this one does not load what decodes videos, which takes most
 /// of the time of starting.
 using VideoLister = std::function<ImageSequence(const std::filesystem::path&)>;
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
-                           const FrameRange& range, const VideoLister& list_video);
+                           const FrameRange& range, const VideoLister& list_video,
+                           OwnCamera camera = OwnCamera::kRead);
 
 /// Of a frame of a video, counted from 0.
 std::string NameOfVideoFrame(const std::filesystem::path& video, int index);
@@ -72,8 +76,9 @@ class FrameReader {
   explicit FrameReader(const ImageSequence& sequence);
   ~FrameReader();
 
-  /// 8-bit BGR (three channels) or gray (one), as stored; 16-bit images are scaled to 8. The index
-  /// is that of sequence.frames. Throws InputError naming the file if it cannot be decoded, is cut
+  /// 8-bit BGR (three channels) or gray (one), as stored; 16-bit images are scaled to 8, all by
+  /// what some frames of the sequence tell of the bits in use: 8, 10, 12, 14 or 16. The index is
+  /// that of sequence.frames. Throws InputError naming the file if it cannot be decoded, is cut
   /// short, or is not of the size of sequence.camera.
   [[nodiscard]] cv::Mat Read(size_t frame_index) const;
   /// The same in gray (one channel), which is quicker: a JPEG's colours are not even decoded.
