@@ -107,10 +107,10 @@ int AddKeyframeFeatures(const SecondPassOptions& options, FeatureOptions feature
   if (options.keyframe_features <= feature_options.num_features) return 0;
   feature_options.num_features = options.keyframe_features;
   std::vector<FrameFeatures> denser(static_cast<size_t>(map.num_keyframes()));
-  ParallelFor(denser.size(), num_threads, [&](size_t k) {
-    const Keyframe& keyframe = map.keyframe(static_cast<int>(k));
-    if (!keyframe.alive) return;
-    const auto frame = static_cast<size_t>(keyframe.frame);
+  const std::vector<int> in_time = map.KeyframesInTime();  // Videos are decoded forwards.
+  ParallelFor(in_time.size(), num_threads, [&](size_t i) {
+    const int k = in_time[i];
+    const auto frame = static_cast<size_t>(map.keyframe(k).frame);
     denser[k] = ExtractFeatures(feature_options, undistorter, images.read_gray(frame),
                                 images.read_mask ? images.read_mask(frame) : cv::Mat());
   });
@@ -169,7 +169,7 @@ PatchPass::PatchPass(const SecondPassOptions& options, const FeatureOptions& fea
       refiner_(options.patches, feature_options, undistorter),
       pyramids_(static_cast<size_t>(map.num_keyframes())),
       masks_(pyramids_.size()) {
-  const std::vector<int> alive = map.AliveKeyframes();
+  const std::vector<int> alive = map.KeyframesInTime();  // Videos are decoded forwards.
   if (alive.empty()) return;
   const auto build = [&](int keyframe) {
     const auto frame = static_cast<size_t>(map.keyframe(keyframe).frame);
