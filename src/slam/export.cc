@@ -178,7 +178,7 @@ FrameReport DescribeFrame(const Undistorter& undistorter, const Map& map, int fr
     const Eigen::Vector2d xy = keypoint.undistorted.cast<double>();
     squared += SquaredError(undistorter.intrinsics(), track.cam_from_world,
                             map.point(match.point).position, xy, 1.0 / keypoint.sigma);
-    covered[undistorter.CellOf(xy, kCells, kCells)] = true;
+    covered[undistorter.CellOf(keypoint, kCells, kCells)] = true;
   }
   report.spread = static_cast<double>(std::count(covered.begin(), covered.end(), true)) /
                   static_cast<double>(covered.size());

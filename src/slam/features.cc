@@ -12,6 +12,8 @@ namespace {
 
 constexpr int kTableSpacing = 8;  // px between the corners of the undistortion table.
 constexpr int kBoundarySamples = 32;
+constexpr double kWide = 2.0;       // Sides of the undistorted over those of the original image.
+constexpr double kMaxSlope = 5.67;  // Of the rays that the bounds hold: 80 degrees off the axis.
 
 }  // namespace
 
@@ -38,32 +40,58 @@ Undistorter::Undistorter(const Camera& camera)
           camera.CameraFromImage(pixel).value_or(Eigen::Vector2d(nan, nan));
     }
   }
+  FindBounds();
+}
+
+void Undistorter::FindBounds() {
   lower_.setConstant(std::numeric_limits<double>::max());
   upper_ = -lower_;
+  bool all_found = true;
+  const auto include = [&](const Eigen::Vector2d& pixel) {
+    const auto undistorted = Undistort(pixel);
+    all_found = all_found && undistorted.has_value();
+    if (!undistorted) return;
+    lower_ = lower_.cwiseMin(*undistorted);
+    upper_ = upper_.cwiseMax(*undistorted);
+  };
   for (int i = 0; i <= kBoundarySamples; ++i) {
-    const double x = static_cast<double>(camera.width) * i / kBoundarySamples;
-    const double y = static_cast<double>(camera.height) * i / kBoundarySamples;
+    const double x = static_cast<double>(camera_.width) * i / kBoundarySamples;
+    const double y = static_cast<double>(camera_.height) * i / kBoundarySamples;
     for (const Eigen::Vector2d& pixel :
-         {Eigen::Vector2d(x, 0.0), Eigen::Vector2d(x, camera.height), Eigen::Vector2d(0.0, y),
-          Eigen::Vector2d(camera.width, y)}) {
-      const auto undistorted = Undistort(pixel);
-      if (!undistorted) continue;
-      lower_ = lower_.cwiseMin(*undistorted);
-      upper_ = upper_.cwiseMax(*undistorted);
+         {Eigen::Vector2d(x, 0.0), Eigen::Vector2d(x, camera_.height), Eigen::Vector2d(0.0, y),
+          Eigen::Vector2d(camera_.width, y)}) {
+      include(pixel);
+    }
+  }
+  if (!all_found) {  // The circle of a fisheye lies within the image.
+    for (int y = 0; y < camera_.height; y += kTableSpacing) {
+      for (int x = 0; x < camera_.width; x += kTableSpacing) include(Eigen::Vector2d(x, y));
     }
   }
   if (!(lower_.array() < upper_.array()).all()) {
     throw InputError(
-        "the camera's distortion cannot be undone anywhere on the image's border: is "
-        "the calibration right?");
+        "the camera's distortion cannot be undone anywhere in the image: is the calibration "
+        "right?");
   }
+  const Eigen::Vector2d principal(intrinsics_.cx, intrinsics_.cy);
+  const Eigen::Vector2d reach = kMaxSlope * Eigen::Vector2d(intrinsics_.fx, intrinsics_.fy);
+  lower_ = lower_.cwiseMax(principal - reach);
+  upper_ = upper_.cwiseMin(principal + reach);
+  const Eigen::Vector2d size(camera_.width, camera_.height);
+  is_wide_ = ((upper_ - lower_).array() > kWide * size.array()).any();
 }
 
-size_t Undistorter::CellOf(const Eigen::Vector2d& undistorted, int columns, int rows) const {
-  const Eigen::Vector2d place = (undistorted - lower_).cwiseQuotient(upper_ - lower_);
+size_t Undistorter::CellOf(const Keypoint& keypoint, int columns, int rows) const {
+  Eigen::Vector2d place = keypoint.undistorted.cast<double>() - lower_;
+  Eigen::Vector2d size = upper_ - lower_;
+  if (is_wide_) {
+    place = keypoint.pixel.cast<double>();
+    size = Eigen::Vector2d(camera_.width, camera_.height);
+  }
   const auto index = [](double share, int count) {
     return std::clamp(static_cast<int>(share * count), 0, count - 1);
   };
+  place = place.cwiseQuotient(size);
   return static_cast<size_t>(index(place.y(), rows) * columns + index(place.x(), columns));
 }
 

@@ -255,8 +255,7 @@ double Tracker::Coverage(const FrameFeatures& features,
   std::array<int, kCoverageColumns * kCoverageRows> keypoints{};
   std::array<bool, kCoverageColumns * kCoverageRows> matched{};
   const auto cell_of = [&](int keypoint) {
-    return undistorter_.CellOf(features.keypoint(keypoint).undistorted.cast<double>(),
-                               kCoverageColumns, kCoverageRows);
+    return undistorter_.CellOf(features.keypoint(keypoint), kCoverageColumns, kCoverageRows);
   };
   for (int i = 0; i < features.size(); ++i) ++keypoints[cell_of(i)];
   for (const PointMatch& match : matches) matched[cell_of(match.keypoint)] = true;

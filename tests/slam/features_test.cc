@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <numbers>
 #include <set>
 
 #include "slam/slam_fixture.h"
@@ -10,6 +12,46 @@ namespace s3lam {
 namespace {
 
 Camera TestCamera() { return testing::MakeTestCamera(CameraModel::kOpenCv); }
+
+/// A fisheye lens whose image is a circle of `radius_px`, 95 degrees off the axis at its edge.
+Camera MakeFisheye(double radius_px) {
+  const double focal = radius_px / (95.0 * std::numbers::pi / 180.0);
+  return {CameraId(1), CameraModel::kOpenCvFisheye, 512, 512, {focal, focal, 256, 256, 0, 0, 0, 0}};
+}
+
+TEST(Undistorter, BoundsOfFisheyesHoldNoMoreThan80Degrees) {
+  for (const double radius : {250.0, 330.0, 400.0}) {
+    const Camera camera = MakeFisheye(radius);
+    const Undistorter undistorter(camera);
+    const double reach = std::tan(80.1 * std::numbers::pi / 180.0) * camera.FocalX();
+    const double seen = std::tan(50.0 * std::numbers::pi / 180.0);
+    EXPECT_GT(undistorter.lower().x(), 256.0 - reach) << radius;
+    EXPECT_LT(undistorter.upper().y(), 256.0 + reach) << radius;
+    EXPECT_LT(undistorter.lower().y(), 256.0 - seen * camera.FocalX()) << radius;
+    EXPECT_GT(undistorter.upper().x(), 256.0 + seen * camera.FocalX()) << radius;
+  }
+}
+
+Keypoint KeypointAt(const Undistorter& undistorter, float x, float y) {
+  Keypoint keypoint;
+  keypoint.pixel = {x, y};
+  keypoint.undistorted = undistorter.Undistort({x, y})->cast<float>();
+  return keypoint;
+}
+
+TEST(Undistorter, CellsOfWideLensesAreThoseOfTheImage) {
+  const Undistorter undistorter(MakeFisheye(400.0));
+  EXPECT_EQ(undistorter.CellOf(KeypointAt(undistorter, 100.0F, 120.0F), 4, 4), 0u);
+  EXPECT_EQ(undistorter.CellOf(KeypointAt(undistorter, 200.0F, 300.0F), 4, 4), 9u);
+  EXPECT_EQ(undistorter.CellOf(KeypointAt(undistorter, 400.0F, 390.0F), 4, 4), 15u);
+}
+
+TEST(Undistorter, OtherCellsAreThoseOfTheUndistortedImage) {
+  const Undistorter undistorter(TestCamera());
+  Keypoint keypoint;
+  keypoint.undistorted = (0.6 * undistorter.lower() + 0.4 * undistorter.upper()).cast<float>();
+  EXPECT_EQ(undistorter.CellOf(keypoint, 4, 4), 5u);
+}
 
 TEST(Undistorter, AgreesWithTheCameraModel) {
   const Camera camera = TestCamera();

@@ -46,16 +46,19 @@ class Undistorter {
 
   [[nodiscard]] const PinholeIntrinsics& intrinsics() const { return intrinsics_; }
   [[nodiscard]] const Camera& camera() const { return camera_; }
-  /// Bounding box of the undistorted image [px].
+  /// Bounding box of the undistorted image [px], of wide ones of what is up to 80 degrees off the
+  /// axis.
   [[nodiscard]] const Eigen::Vector2d& lower() const { return lower_; }
   [[nodiscard]] const Eigen::Vector2d& upper() const { return upper_; }
   /// Cell of a grid of columns x rows over the undistorted image, row by row; the nearest one for
-  /// what lies outside.
-  [[nodiscard]] size_t CellOf(const Eigen::Vector2d& undistorted, int columns, int rows) const;
+  /// what lies outside. Of wide lenses, most of whose undistorted image is what little they see
+  /// near their border, over the original image.
+  [[nodiscard]] size_t CellOf(const Keypoint& keypoint, int columns, int rows) const;
   /// Empty where the distortion cannot be inverted.
   [[nodiscard]] std::optional<Eigen::Vector2d> Undistort(const Eigen::Vector2d& pixel) const;
 
  private:
+  void FindBounds();
   [[nodiscard]] size_t TableIndex(int column, int row) const {
     return static_cast<size_t>(row) * static_cast<size_t>(columns_) + static_cast<size_t>(column);
   }
@@ -64,6 +67,7 @@ class Undistorter {
   PinholeIntrinsics intrinsics_;
   Eigen::Vector2d lower_;
   Eigen::Vector2d upper_;
+  bool is_wide_ = false;
   int columns_ = 0;
   int rows_ = 0;
   std::vector<Eigen::Vector2d> table_;  // Normalised coordinates at the corners of the cells.
