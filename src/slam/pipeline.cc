@@ -255,7 +255,8 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("loops", loops, "places seen before");
   v.Group("second_pass", second_pass, "what knowing the whole map adds");
   v.Group("focal_search", focal_search, "of a camera that is not known");
-  v.Group("self_calibration", self_calibration, "refinement of the lens distortion");
+  v.Group("self_calibration", self_calibration,
+          "check of the calibration, refinement of the lens distortion");
   v.Group("two_view_check", two_view_check, "signs that a map is bent, for the report");
   v.Value("min_localization_inliers", min_localization_inliers,
           "points that a frame must see in the final map to be localised", 6, 10000);
