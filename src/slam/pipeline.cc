@@ -237,6 +237,16 @@ Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>
   return result;
 }
 
+/// A pixel is too large an angle there to tell the motion from others that explain the images as
+/// well, or that two views contradict the map.
+void WarnOfSmallImages(const Camera& camera) {
+  constexpr int kSmallSide = 320;  // px
+  if (std::max(camera.width, camera.height) >= kSmallSide) return;
+  spdlog::warn(
+      "images of {} x {} px are small: the map may be wrong without a sign of it in the report",
+      camera.width, camera.height);
+}
+
 }  // namespace
 
 void Options::Visit(OptionVisitor& v) {
@@ -288,6 +298,7 @@ Result Run(const Options& given, const Input& input) {
   if (input.names.size() < 4)
     ThrowInputError("a sequence of {} images is too short: a map needs at least 4",
                     input.names.size());
+  WarnOfSmallImages(input.camera);
   RunState state{{}, Undistorter(input.camera), {}, {}, {}, {}, {}};
   StepTimes& seconds = state.report.seconds;
   {
