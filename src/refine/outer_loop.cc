@@ -217,16 +217,20 @@ std::vector<OuterIteration> AdjustPlain(OuterLoopSettings& settings, BundleMap& 
   constexpr int kMostRounds = 3;
   constexpr double kSameSigma = 0.1;
   double& sigma_px = settings.solver.sigma_px;
-  sigma_px = settings.keypoint_sigma_px;
-  if (sigma_px > 0.0) return OuterLoop(settings, nullptr, nullptr, map).Run();
+  const auto measure = [&] {
+    return settings.keypoint_sigma_px > 0.0 ? settings.keypoint_sigma_px
+                                            : MeasureKeypointSigma(map);
+  };
   std::vector<OuterIteration> iterations;
-  sigma_px = MeasureKeypointSigma(map);
+  sigma_px = measure();
   for (int round = 0; round < kMostRounds; ++round) {
     spdlog::info("standard deviation of a keypoint: {:.3g} px", sigma_px);
     const auto again = OuterLoop(settings, nullptr, nullptr, map).Run();
     iterations.insert(iterations.end(), again.begin(), again.end());
-    const double measured = MeasureKeypointSigma(map);
-    if (std::abs(measured / sigma_px - 1.0) <= kSameSigma) break;
+    const double change_of_cameras = MeasureCameraSigmas(map);
+    const double measured = measure();
+    const double change = std::max(change_of_cameras, std::abs(measured / sigma_px - 1.0));
+    if (change <= kSameSigma) break;
     sigma_px = measured;
   }
   return iterations;

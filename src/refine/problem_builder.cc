@@ -2,6 +2,8 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <map>
 
 #include "s3lam/base/error.h"
@@ -28,6 +30,80 @@ void SetRelativeSigmas(const KeypointSigmas& sigmas, BundleMap& map) {
   }
   const double median = Median(std::move(all));
   for (BundleObservation& o : map.observations) o.sigma /= median;
+}
+
+constexpr double kLeastSigma = 0.05;  // [px]
+
+/// From the lengths of reprojection errors.
+double KeypointSigma(std::vector<double> errors) {
+  return std::max(kLeastSigma, Median(std::move(errors)) / kMedianOfRayleigh);
+}
+
+/// Calls `use` for the observations that can be projected of points that have two or more, with the
+/// length of the error [px] that it would have if its point had not been fitted to it.
+template <typename Use>
+void ForEachError(const BundleMap& map, Use&& use) {
+  const BundleProblem& problem = map.problem;
+  const std::vector<Rigid3> poses = PosesOf(problem);
+  const auto& observations = map.observations;
+  for (size_t begin = 0, end = 0; begin < observations.size(); begin = end) {
+    const int point = observations[begin].point;
+    while (end < observations.size() && observations[end].point == point) ++end;
+    if (end - begin < 2) continue;
+    const double correction = ResidualCorrection(end - begin);
+    for (size_t k = begin; k < end; ++k) {
+      const BundleObservation& o = observations[k];
+      const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
+      Eigen::Vector2d pixel;
+      if (ProjectPoint(camera.model, camera.params.data(), poses[o.pose] * problem.points[point],
+                       &pixel, nullptr)) {
+        use(o, correction * (pixel - o.pixel).norm());
+      }
+    }
+  }
+}
+
+double LargerSide(const Camera& camera) { return std::max(camera.width, camera.height); }
+
+/// Per camera: the sigma of its keypoints as a part of that of all, by its errors if there are
+/// enough of them, else by the size of its images; empty if there are no errors.
+std::vector<double> RelativeSigmasOfCameras(size_t least_errors, const BundleMap& map) {
+  const BundleProblem& problem = map.problem;
+  std::vector<std::vector<double>> errors(problem.cameras.size());
+  std::vector<double> all;
+  std::vector<double> sides;
+  ForEachError(map, [&](const BundleObservation& o, double error) {
+    const int camera = problem.camera_of_pose[o.pose];
+    errors[camera].push_back(error);
+    all.push_back(error);
+    sides.push_back(LargerSide(problem.cameras[camera]));
+  });
+  if (all.empty()) return {};
+  const double sigma = KeypointSigma(std::move(all));
+  const double side = Median(std::move(sides));
+  std::vector<double> relative;
+  for (size_t c = 0; c < errors.size(); ++c) {
+    relative.push_back(errors[c].size() >= least_errors
+                           ? KeypointSigma(std::move(errors[c])) / sigma
+                           : LargerSide(problem.cameras[c]) / side);
+  }
+  return relative;
+}
+
+/// Returns the largest part that a sigma changed by.
+double SetSigmasOfCameras(size_t least_errors, BundleMap& map) {
+  if (map.keypoints_differ) return 0.0;
+  const std::vector<double> sigmas = RelativeSigmasOfCameras(least_errors, map);
+  if (sigmas.empty()) return 0.0;
+  double change = 0.0;
+  for (auto* observations : {&map.observations, &map.problem.observations}) {
+    for (BundleObservation& o : *observations) {
+      const double sigma = sigmas[map.problem.camera_of_pose[o.pose]];
+      change = std::max(change, std::abs(sigma / o.sigma - 1.0));
+      o.sigma = sigma;
+    }
+  }
+  return change;
 }
 
 /// Leaves out observations of points and images that have too few, until none is left to remove.
@@ -112,7 +188,10 @@ BundleMap BuildBundleMap(const Reconstruction& reconstruction, const KeypointSig
           {image_index.at(element.image_id), index, image.points2D[element.point2D_index].xy});
     }
   }
-  if (!sigmas.empty()) SetRelativeSigmas(sigmas, map);
+  map.keypoints_differ = !sigmas.empty();
+  if (map.keypoints_differ) SetRelativeSigmas(sigmas, map);
+  // What errors tell before a solve may be of poor poses.
+  SetSigmasOfCameras(std::numeric_limits<size_t>::max(), map);
   map.is_used.assign(map.observations.size(), 0);
   return map;
 }
@@ -172,28 +251,16 @@ Gauge ChooseGauge(const BundleProblem& problem, int fixed_pose) {
   return gauge;
 }
 
+double MeasureCameraSigmas(BundleMap& map) {
+  constexpr size_t kLeastErrors = 500;
+  return SetSigmasOfCameras(kLeastErrors, map);
+}
+
 double MeasureKeypointSigma(const BundleMap& map) {
-  constexpr double kLeastSigma = 0.05;  // [px]
-  const BundleProblem& problem = map.problem;
-  const std::vector<Rigid3> poses = PosesOf(problem);
   std::vector<double> errors;
-  const auto& observations = map.observations;
-  for (size_t begin = 0, end = 0; begin < observations.size(); begin = end) {
-    const int point = observations[begin].point;
-    while (end < observations.size() && observations[end].point == point) ++end;
-    if (end - begin < 2) continue;
-    const double correction = ResidualCorrection(end - begin);
-    for (size_t k = begin; k < end; ++k) {
-      const BundleObservation& o = observations[k];
-      const Camera& camera = problem.cameras[problem.camera_of_pose[o.pose]];
-      Eigen::Vector2d pixel;
-      if (ProjectPoint(camera.model, camera.params.data(), poses[o.pose] * problem.points[point],
-                       &pixel, nullptr)) {
-        errors.push_back(correction * (pixel - o.pixel).norm() / o.sigma);
-      }
-    }
-  }
-  return std::max(kLeastSigma, Median(std::move(errors)) / kMedianOfRayleigh);
+  ForEachError(
+      map, [&](const BundleObservation& o, double error) { errors.push_back(error / o.sigma); });
+  return KeypointSigma(std::move(errors));
 }
 
 std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& problem,

@@ -145,6 +145,84 @@ TEST(Refine, EqualSigmasOfAnySizeChangeNothing) {
   }
 }
 
+/// Every second image is of a camera of four times the resolution, and its keypoints are so much
+/// less precise in pixels.
+Input WithTwoResolutions(const SyntheticMap& map) {
+  Input input = MakeInput(map);
+  Camera large = input.model.cameras.begin()->second;
+  large.id = CameraId(50);
+  large.width *= 4;
+  large.height *= 4;
+  for (size_t i = 0; i < 4; ++i) large.params[i] *= 4.0;  // Focal lengths and principal point.
+  input.model.cameras[large.id] = large;
+  for (auto& [id, image] : input.model.images) {
+    if (id.value() % 2 != 0) continue;
+    image.camera_id = large.id;
+    for (Point2D& point : image.points2D) point.xy *= 4.0;
+  }
+  return input;
+}
+
+/// The part of a camera's observations that the output does not have.
+double LostShare(const Reconstruction& before, const Reconstruction& after, CameraId camera) {
+  const auto count = [camera](const Reconstruction& model) {
+    double sum = 0.0;
+    for (const auto& [id, image] : model.images) {
+      if (image.camera_id != camera) continue;
+      for (const Point2D& point : image.points2D) sum += point.point_id.valid() ? 1.0 : 0.0;
+    }
+    return sum;
+  };
+  return 1.0 - count(after) / count(before);
+}
+
+TEST(Refine, KeypointsOfCamerasCountByTheirResolution) {
+  // Cameras that saw much count by their errors, others by their images' size.
+  for (const char* points : {"num_points=700", "num_points=130"}) {
+    double error = 0.0;
+    double error_if_alike = 0.0;
+    for (const char* images :
+         {"num_images=14", "num_images=16", "num_images=20", "num_images=24", "num_images=30"}) {
+      const SyntheticMap map = MakeDeskMap({"outlier_fraction=0.03", points, images});
+      const Input input = WithTwoResolutions(map);
+      Output output;
+      refine::Run(WithMode(PlaneMode::kOff), input, output);
+      Input all_alike = input;
+      all_alike.keypoint_sigmas = AllSigmas(input.model, 1.0F);
+      Output alike;
+      refine::Run(WithMode(PlaneMode::kOff), all_alike, alike);
+      const double small = LostShare(input.model, output.model, input.model.cameras.begin()->first);
+      const double large = LostShare(input.model, output.model, CameraId(50));
+      EXPECT_NEAR(small, large, 0.03);
+      error += AlignedCenterError(output.model, map.truth);
+      error_if_alike += AlignedCenterError(alike.model, map.truth);
+    }
+    EXPECT_LT(error, 0.9 * error_if_alike);
+  }
+}
+
+TEST(Refine, KeypointsOfCamerasCountByWhatTheSolveLeaves) {
+  const SyntheticMap map = MakeDeskMap({"outlier_fraction=0.03"});
+  Input input = MakeInput(map);
+  const CameraId first = input.model.cameras.begin()->first;
+  Camera second = input.model.cameras.begin()->second;
+  second.id = CameraId(50);
+  input.model.cameras[second.id] = second;
+  Rng rng(5);
+  for (auto& [id, image] : input.model.images) {
+    if (id.value() % 2 != 0) continue;
+    image.camera_id = second.id;  // Whose images are poorly placed before.
+    image.cam_from_world.translation +=
+        0.1 * Eigen::Vector3d(rng.Gaussian(), rng.Gaussian(), rng.Gaussian());
+  }
+  for (const char* sigma : {"keypoint_sigma_px=0", "keypoint_sigma_px=0.7"}) {
+    Output output;
+    refine::Run(MakeOptions({"planes.mode=off", sigma}), input, output);
+    EXPECT_NEAR(LostShare(input.model, output.model, first),
+                LostShare(input.model, output.model, second.id), 0.01);
+  }
+}
+
 TEST(Refine, WrongLabelsDoNoHarm) {
   const SyntheticMap map = MakeDeskMap({"wrong_label_fraction=0.3"});
   Output plain;

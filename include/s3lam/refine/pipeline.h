@@ -34,7 +34,7 @@ struct Input {
   /// What frames that are no images of the model see of its points; may be empty.
   FrameObservations observations;
   Constraints constraints;
-  KeypointSigmas keypoint_sigmas;  // Empty: all alike.
+  KeypointSigmas keypoint_sigmas;  // Empty: alike in each camera.
   PointDescriptors descriptors;    // What the points look like; may be empty.
   StepStore* steps = nullptr;      // Where solves are kept, for a run that can be gone on with.
 };

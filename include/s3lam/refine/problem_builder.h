@@ -40,6 +40,7 @@ struct BundleMap {
   std::vector<uint8_t> is_used;                 // Per observation: is in problem.observations.
   std::vector<PointLook> looks;                 // Per point; empty if nothing is known.
   std::map<PointId, PointId> merged_into;       // What has become of points that are gone.
+  bool keypoints_differ = false;                // Each has a sigma of its own.
 
   /// Index of a point; -1 if the model does not have it.
   [[nodiscard]] int IndexOfPoint(PointId id) const;
@@ -47,7 +48,7 @@ struct BundleMap {
 
 /// All images and points, none used yet: call SelectObservations. The sigmas of the keypoints, one
 /// for every keypoint or none at all, become parts of their median over the observations; without
-/// them all keypoints are alike.
+/// them, of the size of images.
 BundleMap BuildBundleMap(const Reconstruction& reconstruction, const KeypointSigmas& sigmas = {});
 
 /// How many observations are in use and what was left out, and why.
@@ -69,6 +70,11 @@ ObservationCounts SelectObservations(const OutlierOptions& options, double sigma
 /// The pose that is given, else the first one in use, as the fixed one, and the one in use that is
 /// farthest from it to hold the scale.
 Gauge ChooseGauge(const BundleProblem& problem, int fixed_pose = -1);
+
+/// Unless each keypoint has a sigma of its own, lets those of a camera count by its median
+/// reprojection error at the present poses and points, or by the size of its images if it saw too
+/// little: cameras may differ in resolution. Returns the largest part that a sigma changed by.
+double MeasureCameraSigmas(BundleMap& map);
 
 /// Standard deviation of a keypoint of relative sigma one [px], from the median reprojection error
 /// of all observations, those not in use among them, since a choice by their error would make it
