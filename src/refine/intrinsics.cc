@@ -166,11 +166,12 @@ void IntrinsicsOptions::Visit(OptionVisitor& v) {
   v.Value("min_observations", min_observations, "a camera with fewer observations is kept", 10,
           1000000000);
   v.Value("max_focal_change", max_focal_change,
-          "all cameras are kept if a focal length would change by more than this part", 0.0, 10.0);
-  v.Value("max_principal_shift", max_principal_shift,
-          "all cameras are kept if a principal point would move by more than this part of the "
-          "image's larger side",
-          0.0, 1.0);
+          "a camera is kept if its focal length would change by more than this part", 0.0, 10.0);
+  v.Value(
+      "max_principal_shift", max_principal_shift,
+      "a camera is kept if its principal point would move by more than this part of the image's "
+      "larger side",
+      0.0, 1.0);
 }
 
 std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel model) {
@@ -189,9 +190,11 @@ std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel mod
   return params;
 }
 
-std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map) {
+std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
+                                             const HeldCameras& held, BundleMap& map) {
   BundleProblem& problem = map.problem;
-  const std::set<CameraId> chosen = ChosenCameras(options, map);
+  std::set<CameraId> chosen = ChosenCameras(options, map);
+  for (const auto& [id, reason] : held) chosen.erase(id);
   if (options.shared) ShareCameras(options, chosen, map);
   const std::vector<CameraUse> use = UseOfCameras(problem, problem.camera_of_pose);
   problem.free_camera_params.assign(problem.cameras.size(), {});
@@ -203,8 +206,10 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, B
     Camera& camera = problem.cameras[c];
     report.model = CameraModelName(camera.model);
     report.before = camera.params;
-    if (std::none_of(report.cameras.begin(), report.cameras.end(),
-                     [&](CameraId id) { return chosen.contains(id); })) {
+    if (const auto it = held.find(report.cameras.front()); it != held.end()) {
+      report.reason = it->second;
+    } else if (std::none_of(report.cameras.begin(), report.cameras.end(),
+                            [&](CameraId id) { return chosen.contains(id); })) {
       report.reason = "not asked for";
     } else if (TooFew(options, use[c])) {
       report.reason = fmt::format("only {} images and {} observations of it are in use",
@@ -251,13 +256,20 @@ std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& be
   for (const auto& [was, is] :
        {std::pair(before.FocalX(), after.FocalX()), std::pair(before.FocalY(), after.FocalY())}) {
     if (!(std::abs(is / was - 1.0) <= options.max_focal_change)) {
-      return fmt::format("its focal length would become {:.6g} px instead of {:.6g} px", is, was);
+      return fmt::format(
+          "its focal length would become {:.6g} px instead of {:.6g} px "
+          "(intrinsics.max_focal_change "
+          "can be raised)",
+          is, was);
     }
   }
   const double shift = std::hypot(after.PrincipalX() - before.PrincipalX(),
                                   after.PrincipalY() - before.PrincipalY());
   if (!(shift <= options.max_principal_shift * std::max(before.width, before.height))) {
-    return fmt::format("its principal point would move by {:.6g} px", shift);
+    return fmt::format(
+        "its principal point would move by {:.6g} px (intrinsics.max_principal_shift can be "
+        "raised)",
+        shift);
   }
   if (InvertibleOnBorder(before) && !InvertibleOnBorder(after)) {
     return "its distortion could no longer be inverted at the image's border";

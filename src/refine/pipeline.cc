@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <set>
+#include <utility>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
@@ -113,9 +114,42 @@ void CountUse(const BundleMap& map, Report& report) {
   }
 }
 
+/// The refined cameras that cannot be believed.
+HeldCameras DoubtfulCameras(const IntrinsicsOptions& options, const std::vector<Camera>& before,
+                            const BundleMap& map) {
+  HeldCameras doubtful;
+  for (size_t c = 0; c < before.size(); ++c) {
+    if (map.problem.free_camera_params[c].empty()) continue;
+    const std::string doubts = DoubtsAboutCamera(options, before[c], map.problem.cameras[c]);
+    if (doubts.empty()) continue;
+    for (const CameraId id : map.camera_ids[c]) doubtful[id] = doubts;
+  }
+  return doubtful;
+}
+
+void WarnOfHeld(const HeldCameras& held) {
+  if (held.empty()) return;
+  std::vector<uint32_t> ids;
+  for (const auto& [id, doubts] : held) ids.push_back(id.value());
+  spdlog::warn("kept as given, while the others are refined anew: camera {}; of camera {}: {}",
+               fmt::join(ids, ", "), ids.front(), held.begin()->second);
+}
+
+void TellParameters(const BundleMap& map, Report& report) {
+  for (IntrinsicsReport& camera : report.cameras) {
+    for (size_t c = 0; c < map.camera_ids.size(); ++c) {
+      const auto& ids = map.camera_ids[c];
+      if (std::find(ids.begin(), ids.end(), camera.cameras.front()) == ids.end()) continue;
+      camera.model_after = CameraModelName(map.problem.cameras[c].model);
+      camera.after = map.problem.cameras[c].params;
+    }
+  }
+}
+
 /// Bundle adjustment without planes, with the camera parameters that may change; again from the
-/// start with all cameras kept if one ends where it cannot be believed. From here on cameras stay.
-/// Returns the parameters that were refined, per camera of the problem; empty: none.
+/// start with those cameras held that end where they cannot be believed, until there are none. From
+/// here on cameras stay. Returns the parameters that were refined, per camera of the problem;
+/// empty: none.
 std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Report& report) {
   if (!options.intrinsics.Any()) {
     report.iterations = AdjustPlain(options, map);
@@ -125,34 +159,19 @@ std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Re
     return {};
   }
   const BundleMap given = map;
-  report.cameras = FreeIntrinsics(options.intrinsics, map);
-  const std::vector<Camera> before = map.problem.cameras;
-  report.iterations = AdjustPlain(options, map);
-  std::vector<std::vector<int>> refined = std::move(map.problem.free_camera_params);
-  map.problem.free_camera_params.clear();
-  std::string doubts;
-  for (size_t c = 0; c < before.size() && doubts.empty(); ++c) {
-    doubts = DoubtsAboutCamera(options.intrinsics, before[c], map.problem.cameras[c]);
-    if (doubts.empty()) continue;
-    doubts = fmt::format("camera {}: {}", given.camera_ids[c].front().value(), doubts);
-  }
-  if (!doubts.empty()) {
-    spdlog::warn("all cameras are kept as given: {}", doubts);
+  HeldCameras held;
+  for (bool again = true; again;) {
     map = given;
-    refined.clear();
+    report.cameras = FreeIntrinsics(options.intrinsics, held, map);
+    const std::vector<Camera> before = map.problem.cameras;
     report.iterations = AdjustPlain(options, map);
+    const HeldCameras doubtful = DoubtfulCameras(options.intrinsics, before, map);
+    WarnOfHeld(doubtful);
+    held.insert(doubtful.begin(), doubtful.end());
+    again = !doubtful.empty();
   }
-  for (IntrinsicsReport& camera : report.cameras) {
-    if (camera.refined && !doubts.empty()) camera.reason = doubts;
-    camera.refined = camera.refined && doubts.empty();
-    for (size_t c = 0; c < map.camera_ids.size(); ++c) {
-      const auto& ids = map.camera_ids[c];
-      if (std::find(ids.begin(), ids.end(), camera.cameras.front()) == ids.end()) continue;
-      camera.model_after = CameraModelName(map.problem.cameras[c].model);
-      camera.after = map.problem.cameras[c].params;
-    }
-  }
-  return refined;
+  TellParameters(map, report);
+  return std::exchange(map.problem.free_camera_params, {});
 }
 
 void CountExactPlanes(const BundleProblem& problem, Report& report) {

@@ -68,10 +68,66 @@ TEST(RefineIntrinsics, AChangeBeyondBeliefIsRefused) {
   ASSERT_EQ(report.cameras.size(), 1u);
   EXPECT_FALSE(report.cameras[0].refined);
   EXPECT_NE(report.cameras[0].reason.find("focal length"), std::string::npos);
+  EXPECT_NE(report.cameras[0].reason.find("max_focal_change can be raised"), std::string::npos);
   EXPECT_EQ(output.model.cameras.begin()->second.params, camera.params);
   for (const auto& [id, image] : output.model.images) {
     EXPECT_EQ(image.cam_from_world.translation,
               kept.model.images.at(id).cam_from_world.translation);
+  }
+}
+
+/// Four cameras took turns; the given focal length of the last one is far off, the others' a
+/// little.
+Input WithOneBadCamera(const SyntheticMap& map) {
+  Input input = MakeInput(map);
+  const Camera right = input.model.cameras.begin()->second;
+  input.model.cameras.clear();
+  for (uint32_t c = 10; c < 20; ++c) {
+    Camera camera = right;
+    camera.id = CameraId(c);
+    camera.params[0] *= c == 19 ? 0.8 : 1.02;
+    camera.params[1] *= c == 19 ? 0.8 : 1.02;
+    input.model.cameras[camera.id] = camera;
+  }
+  for (auto& [id, image] : input.model.images) image.camera_id = CameraId(10 + id.value() % 10);
+  return input;
+}
+
+TEST(RefineIntrinsics, OnlyTheCameraThatIsBeyondBeliefIsKept) {
+  const SyntheticMap map = MakeDeskMap({"num_images=40", "num_points=300", "max_track_window=0"});
+  const double focal = map.truth.cameras.begin()->second.FocalX();
+  const Input input = WithOneBadCamera(map);
+  auto assignments = kPlainWithFocal;
+  assignments.insert(assignments.end(),
+                     {"intrinsics.min_images=4", "intrinsics.min_observations=100"});
+  Output kept;
+  Output output;
+  refine::Run(MakeOptions({"planes.mode=off"}), input, kept);
+  const Report report = refine::Run(MakeOptions(assignments), input, output);
+  ASSERT_EQ(report.cameras.size(), 10u);
+  for (const IntrinsicsReport& camera : report.cameras) {
+    const CameraId id = camera.cameras.front();
+    const bool is_bad = id == CameraId(19);
+    EXPECT_EQ(camera.refined, !is_bad) << camera.reason;
+    EXPECT_EQ(camera.reason.find("focal length") != std::string::npos, is_bad);
+    EXPECT_EQ(camera.after, output.model.cameras.at(id).params);
+    EXPECT_EQ(camera.after == input.model.cameras.at(id).params, is_bad);
+    EXPECT_NEAR(camera.after[0], (is_bad ? 0.8 : 1.0) * focal, 0.015 * focal);
+  }
+  EXPECT_LT(AlignedCenterError(output.model, map.truth), AlignedCenterError(kept.model, map.truth));
+}
+
+TEST(RefineIntrinsics, CamerasThatAreOneAreKeptTogetherAsTheyWereGiven) {
+  const SyntheticMap map = MakeDeskMap({"num_images=40", "num_points=300", "max_track_window=0"});
+  const Input input = WithOneBadCamera(map);
+  auto assignments = kPlainWithFocal;
+  assignments.insert(assignments.end(),
+                     {"intrinsics.shared=true", "intrinsics.max_focal_change=0.001"});
+  Output output;
+  const Report report = refine::Run(MakeOptions(assignments), input, output);
+  EXPECT_EQ(report.cameras.size(), 10u);
+  for (const auto& [id, camera] : input.model.cameras) {
+    EXPECT_EQ(output.model.cameras.at(id).params, camera.params);
   }
 }
 

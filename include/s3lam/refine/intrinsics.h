@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -44,15 +45,19 @@ struct IntrinsicsReport {
   std::vector<double> after;
 };
 
+/// Cameras that are not refined, and why.
+using HeldCameras = std::map<CameraId, std::string>;
+
 /// Indices of the parameters of a camera model that the options ask for.
 std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel model);
 
 /// If `shared`, lets all cameras of one model and image size be one, which starts from the first
 /// one's parameters; frees the parameters asked for, of which a pinhole camera gets those of
 /// OPENCV's distortion if that is to be refined, of the cameras that enough images and observations
-/// in use see. Says of every camera whether and why not. Throws InputError for a camera in the
-/// options that the map does not have.
-std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, BundleMap& map);
+/// in use see and that are not held. Says of every camera whether and why not. Throws InputError
+/// for a camera in the options that the map does not have.
+std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
+                                             const HeldCameras& held, BundleMap& map);
 
 /// How much of the reprojection cost of an adjusted map another calibration would remove, see
 /// CheckCalibration, of the five cameras with the most observations in use, if enough images and
@@ -61,7 +66,8 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options, B
 std::vector<IntrinsicsReport> CheckCameras(const IntrinsicsOptions& options, double sigma_px,
                                            const BundleMap& map);
 
-/// Why the refined parameters of a camera cannot be believed; empty if they can: the focal length
+/// Why the refined parameters of a camera cannot be believed, so that it is to be held; empty if
+/// they can: the focal length
 /// changed by at most max_focal_change, the principal point moved by at most max_principal_shift of
 /// the image's larger side, and the distortion can be inverted all along the image's border if it
 /// could before.
