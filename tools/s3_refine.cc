@@ -50,6 +50,19 @@ constexpr const char* kDescription =
     "on request\n"
     "                    covariance.json";
 
+/// COLMAP's frames.txt, of rigs of cameras, is no trajectory.
+bool HasTrajectoryOfFrames(const fs::path& model) {
+  return fs::exists(model / "frames.txt") && !fs::exists(model / "rigs.txt");
+}
+
+void WarnOfRigs(const fs::path& model) {
+  if (!fs::exists(model / "rigs.txt") && !fs::exists(model / "rigs.bin")) return;
+  spdlog::warn(
+      "{}: rigs are not used: cameras are taken as independent, and rigs and frames are not "
+      "written",
+      model.string());
+}
+
 void ReadTrajectories(const fs::path& model, refine::Input& input) {
   if (fs::exists(model / "keyframes.txt")) {
     const Trajectory keyframes = ReadTumTrajectory(model / "keyframes.txt");
@@ -60,7 +73,7 @@ void ReadTrajectories(const fs::path& model, refine::Input& input) {
     }
     for (const TimedPose& pose : keyframes) input.image_times_s.push_back(pose.time_s);
   }
-  if (!fs::exists(model / "frames.txt")) return;
+  if (!HasTrajectoryOfFrames(model)) return;
   if (input.image_times_s.empty()) {
     ThrowInputError(
         "{}: has frames.txt but no keyframes.txt to tell the images' times: bring both or neither",
@@ -101,6 +114,7 @@ refine::Input ReadInput(const po::variables_map& arguments) {
   if (!fs::is_directory(model)) ThrowInputError("{}: no such folder", model.string());
   refine::Input input;
   input.model = ReadColmapModel(model);
+  WarnOfRigs(model);
   ReadTrajectories(model, input);
   input.semantics = ReadSemantics(Given(arguments, "semantics"), input.model);
   ReadConstraints(arguments, input);

@@ -132,6 +132,30 @@ TEST_F(BadRefine, DescriptorsAreCutShort) {
   ExpectPlainRefused(kBadInput, {"descriptors.bin"});
 }
 
+/// As COLMAP writes them, from 3.12 on.
+constexpr const char* kColmapFrames =
+    "# Frame list with one line of data per frame:\n"
+    "#   FRAME_ID, RIG_ID, RIG_FROM_WORLD[QW, QX, QY, QZ, TX, TY, TZ], NUM_DATA_IDS, DATA_IDS[] as "
+    "(SENSOR_TYPE, SENSOR_ID, DATA_ID)\n"
+    "1 1 1 0 0 0 0 0 0 1 CAMERA 1 1\n";
+
+TEST_F(BadRefine, RigsOfAModelAreNotUsedAndThisIsSaid) {
+  EXPECT_THAT(RunPlain().errors, ::testing::Not(HasSubstr("rigs")));
+  const std::string plain = FileBytes(output() / "images.bin");
+  inputs_.Write("model/rigs.txt", "1 1 CAMERA 1\n");
+  inputs_.Write("model/frames.txt", kColmapFrames);
+  const auto result = RunPlain({"--overwrite"});
+  EXPECT_EQ(result.exit_code, kDone) << result.errors;
+  EXPECT_THAT(result.errors, HasSubstr("rigs are not used"));
+  EXPECT_EQ(FileBytes(output() / "images.bin"), plain);
+  EXPECT_FALSE(std::filesystem::exists(output() / "frames.txt"));
+}
+
+TEST_F(BadRefine, FramesWithoutTheTimesOfTheImages) {
+  inputs_.Write("model/frames.txt", "1.5 0 0 0 0 0 0 1\n");
+  ExpectPlainRefused(kBadInput, {"frames.txt but no keyframes.txt"});
+}
+
 TEST_F(BadRefine, SigmasOfOtherKeypoints) {
   inputs_.Write("model/keypoint_sigmas.bin", std::string("S3KSIG01") + std::string(8, '\0'));
   ExpectPlainRefused(kBadInput, {"keypoint_sigmas.bin", "of another model"});
