@@ -18,7 +18,8 @@ using internal::LineParser;
 using internal::LineReader;
 using nlohmann::json;
 
-constexpr double kSameTime = 1e-3;  // [s]
+constexpr size_t kNumbersOfPrior = 9;  // Position, rotation and two sigmas.
+constexpr double kSameTime = 1e-3;     // [s]
 constexpr double kNormTolerance = 1e-2;
 constexpr double kRadians = std::numbers::pi / 180.0;
 
@@ -107,7 +108,6 @@ PosePrior ParsePrior(ImageId image_id, LineParser& parser) {
   }
   prior.sigma_position = parser.Real("sigma_position");
   prior.sigma_rotation = kRadians * parser.Real("sigma_rotation");
-  parser.ExpectEnd();
   if (std::abs(world_from_camera.rotation.norm() - 1.0) > kNormTolerance) {
     parser.Fail("the quaternion's norm is {}, not 1", world_from_camera.rotation.norm());
   }
@@ -144,7 +144,7 @@ void ReadPosePriors(std::istream& stream, const std::string& source, const Recon
   std::map<ImageId, PosePrior> priors;
   while (reader.NextData()) {
     LineParser parser = reader.Parser();
-    const std::string word(parser.Word("time or image"));
+    const std::string word(parser.AllBut(kNumbersOfPrior, "time or image"));
     const ImageId id = FindImage(word, by_name, model, image_times_s, parser);
     if (!priors.emplace(id, ParsePrior(id, parser)).second) {
       parser.Fail("a second prior for the image {}", model.images.at(id).name);

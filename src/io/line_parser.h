@@ -30,6 +30,20 @@ class LineParser {
     return word;
   }
 
+  /// All but the last `count` words, as it stands; the next word if there are no more than those.
+  std::string_view AllBut(size_t count, std::string_view field) {
+    size_t end = rest_.find_last_not_of(kSpace) + 1;
+    while (count-- > 0 && end > 0) {
+      const std::string_view before = rest_.substr(0, rest_.find_last_of(kSpace, end - 1) + 1);
+      end = before.find_last_not_of(kSpace) + 1;
+    }
+    if (end == 0) return Word(field);
+    const std::string_view words = rest_.substr(0, end);
+    rest_.remove_prefix(end);
+    SkipSpace();
+    return words;
+  }
+
   /// What is left of the line, without white space at its ends.
   std::string_view Rest() {
     const std::string_view rest = rest_.substr(0, rest_.find_last_not_of(kSpace) + 1);

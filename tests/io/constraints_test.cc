@@ -99,6 +99,19 @@ TEST(PosePriors, AreFoundByNameAndByTime) {
   EXPECT_EQ(priors[1].sigma_position, 0.5);
 }
 
+TEST(PosePriors, NamesMayHaveSpaces) {
+  Reconstruction model = Model();
+  Image& image = model.images.rbegin()->second;
+  image.name = "my photos/IMG 1  2.jpg";
+  for (const char* end : {"\n", " \r\n", ""}) {
+    const auto priors = ReadPriors(" " + image.name + "  1 2\t3 0 0 0 1 0.5 0" + end, model, {});
+    ASSERT_EQ(priors.size(), 1u);
+    EXPECT_EQ(priors[0].image_id, image.id);
+    EXPECT_EQ(priors[0].cam_from_world.CenterInB(), Eigen::Vector3d(1, 2, 3));
+    EXPECT_EQ(priors[0].sigma_position, 0.5);
+  }
+}
+
 TEST(PosePriors, BadLinesAreNamed) {
   const Reconstruction model = Model();
   const auto expect_error = [&](const std::string& text, const std::string& message,
@@ -109,6 +122,7 @@ TEST(PosePriors, BadLinesAreNamed) {
   const std::vector<double> times{1, 2, 3, 4};
   expect_error("", "no pose priors", times);
   expect_error("nowhere.jpg 0 0 0 0 0 0 1 1 1", "file: line 1: 'nowhere.jpg' is neither", times);
+  expect_error("my photo.jpg 0 0 0 0 0 0 1 1 1", "line 1: 'my photo.jpg' is neither", times);
   expect_error("1 0 0 0 0 0 0 1 1 1", "no keyframes.txt", {});
   expect_error("7.5 0 0 0 0 0 0 1 1 1", "no image of the model was taken at 7.5 s", times);
   expect_error("1 0 0 0 0 0 0 1 1", "sigma_rotation is missing", times);
