@@ -41,16 +41,41 @@ std::vector<MovedKeyframe> MovedKeyframes(const Reconstruction& original, const 
   return moved;
 }
 
-/// Images that see too little to be refined go along with those before and after them by id.
-void CarryUnusedImages(const Reconstruction& original, BundleMap& map) {
+/// What carries an image along of whose time nothing is known: the nearest keyframe and the nearest
+/// of those that are at least as far from it as the image is, since a shorter baseline tells little
+/// of a change of scale. Their times are such that a frame at time zero goes more with the nearer.
+std::vector<MovedKeyframe> NearestKeyframes(const Eigen::Vector3d& center,
+                                            std::vector<MovedKeyframe> keyframes) {
+  if (keyframes.empty()) return {};
+  for (MovedKeyframe& keyframe : keyframes) {
+    keyframe.time_s = (keyframe.old_cam_from_world.CenterInB() - center).norm();
+  }
+  std::stable_sort(keyframes.begin(), keyframes.end(),
+                   [](const auto& a, const auto& b) { return a.time_s < b.time_s; });
+  MovedKeyframe nearest = keyframes.front();
+  const auto second = std::find_if(keyframes.begin() + 1, keyframes.end(), [&](const auto& other) {
+    return (other.old_cam_from_world.CenterInB() - nearest.old_cam_from_world.CenterInB()).norm() >=
+           nearest.time_s;
+  });
+  nearest.time_s = -nearest.time_s;
+  if (second == keyframes.end()) return {nearest};
+  return {nearest, *second};
+}
+
+/// Images that see too little to be refined go along with those before and after them, or with the
+/// nearest ones if it is not known when they were taken.
+void CarryUnusedImages(const Reconstruction& original, bool times_are_known, BundleMap& map) {
   std::vector<double> order(map.image_ids.size());
   for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<double>(i);
   const std::vector<uint8_t> used = map.problem.UsedPoses();
   const std::vector<MovedKeyframe> keyframes = MovedKeyframes(original, map, order);
   for (size_t i = 0; i < used.size(); ++i) {
     if (used[i] != 0 || map.problem.pose_is_constant[i] != 0) continue;
-    const Rigid3& old_pose = original.images.at(map.image_ids[i]).cam_from_world;
-    const Trajectory carried = CarryFrames({{order[i], old_pose.Inverse()}}, keyframes);
+    const Rigid3 old_pose = original.images.at(map.image_ids[i]).cam_from_world.Inverse();
+    const Trajectory carried =
+        times_are_known
+            ? CarryFrames({{order[i], old_pose}}, keyframes)
+            : CarryFrames({{0.0, old_pose}}, NearestKeyframes(old_pose.translation, keyframes));
     map.problem.poses[i] = ToPoseBlock(carried.front().world_from_camera.Inverse());
   }
 }
@@ -257,7 +282,7 @@ Report RunInWorld(const Options& given_options, const Input& given, Output& outp
   CountUse(map, report);
   CompareArms(arms, map, planes, options.planes.sigma, sigma_px, input.semantics.class_table,
               report);
-  CarryUnusedImages(input.model, map);
+  CarryUnusedImages(input.model, !input.image_times_s.empty(), map);
   output.model = ToReconstruction(map, input.model);
   output.semantics =
       RefinedSemantics(input.semantics, planes, map, output.model, options.planes.sigma, sigma_px);

@@ -223,6 +223,56 @@ TEST(Refine, KeypointsOfCamerasCountByWhatTheSolveLeaves) {
   }
 }
 
+/// The same model with other ids of its images, so that neighbours are no longer neighbours by id.
+Reconstruction Shuffled(const Reconstruction& model) {
+  const auto shuffled = [](ImageId id) { return ImageId(id.value() * 7 % 17); };
+  Reconstruction result = model;
+  result.images.clear();
+  for (const auto& [id, image] : model.images) {
+    Image& moved = result.images[shuffled(id)] = image;
+    moved.id = shuffled(id);
+  }
+  for (auto& [id, point] : result.points) {
+    for (TrackElement& element : point.track) element.image_id = shuffled(element.image_id);
+  }
+  return result;
+}
+
+void ForgetWhatWasSeen(ImageId id, Reconstruction& model) {
+  for (Point2D& point : model.images.at(id).points2D) point.point_id = kInvalidPointId;
+  for (auto& [point_id, point] : model.points) {
+    std::erase_if(point.track, [&](const TrackElement& element) { return element.image_id == id; });
+  }
+}
+
+/// Distance from where it should be, if all the others are aligned.
+double ErrorOf(ImageId id, const Reconstruction& model, const Reconstruction& truth) {
+  Reconstruction others = truth;
+  others.images.erase(id);
+  const auto truth_from_model = AlignPoints(Centers(truth, others), Centers(model, others));
+  return (*truth_from_model * model.images.at(id).cam_from_world.CenterInB() -
+          truth.images.at(id).cam_from_world.CenterInB())
+      .norm();
+}
+
+TEST(Refine, AnImageThatSeesNothingGoesWithTheNearestOnes) {
+  const SyntheticMap map = MakeDeskMap({"center_sigma=0.001", "drift_rotation_deg=0.5",
+                                        "drift_translation=0.01", "drift_scale_trend=0.02"});
+  const Reconstruction truth = Shuffled(map.truth);
+  double before = 0.0;
+  double after = 0.0;
+  for (const auto& [id, image] : truth.images) {
+    Input input;
+    input.model = Shuffled(map.estimate);
+    ForgetWhatWasSeen(id, input.model);
+    Output output;
+    EXPECT_EQ(refine::Run(WithMode(PlaneMode::kOff), input, output).num_images_in_use, 15u);
+    before += ErrorOf(id, input.model, truth);
+    after += ErrorOf(id, output.model, truth);
+  }
+  EXPECT_LT(after, 0.7 * before);
+}
+
 TEST(Refine, WrongLabelsDoNoHarm) {
   const SyntheticMap map = MakeDeskMap({"wrong_label_fraction=0.3"});
   Output plain;
