@@ -128,6 +128,16 @@ bool InvertibleOnBorder(const Camera& camera) {
   return true;
 }
 
+void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
+                         const std::vector<IntrinsicsReport>& reports) {
+  if (std::any_of(reports.begin(), reports.end(), [](const auto& r) { return r.refined; })) return;
+  spdlog::warn(
+      "no camera is refined: none asked for has {} images (intrinsics.min_images) and {} "
+      "observations "
+      "(intrinsics.min_observations) in use; intrinsics.shared lets cameras that are alike be one",
+      options.min_images, options.min_observations);
+}
+
 void WarnOfDoubts(const IntrinsicsReport& report) {
   const auto id = report.cameras.front().value();
   if (report.distortion_is_doubtful) {
@@ -161,7 +171,7 @@ void IntrinsicsOptions::Visit(OptionVisitor& v) {
           "where cameras are kept, tell if another calibration would explain much better what they "
           "saw");
   v.Value("cameras", cameras, "ids of the cameras that are refined; none: all");
-  v.Value("min_images", min_images, "a camera that fewer images were taken with is kept", 2,
+  v.Value("min_images", min_images, "a camera that fewer images were taken with is kept", 1,
           1000000);
   v.Value("min_observations", min_observations, "a camera with fewer observations is kept", 10,
           1000000000);
@@ -225,6 +235,7 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
     report.after = camera.params;
     reports.push_back(std::move(report));
   }
+  if (held.empty()) WarnIfNoneIsRefined(options, reports);
   return reports;
 }
 

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
 
 #include "s3lam/optim/self_calibration.h"
 #include "s3lam/refine/report.h"
@@ -156,13 +157,25 @@ std::string Describe(const IntrinsicsReport& camera) {
   return camera.reason.empty() ? "" : "kept, " + camera.reason;
 }
 
+/// What alike descriptions have in common: all before the first number.
+std::string KindOf(const std::string& description) {
+  return description.substr(0, description.find_first_of("0123456789"));
+}
+
 std::string CamerasToTable(const RefineReport& report) {
+  constexpr size_t kMostOfAKind = 10;
+  std::map<std::string, size_t> counts;
   std::string text;
   for (const IntrinsicsReport& camera : report.cameras) {
     const std::string description = Describe(camera);
-    if (description.empty()) continue;
+    if (description.empty() || ++counts[KindOf(description)] > kMostOfAKind) continue;
     text += fmt::format("\ncamera {} {}: {}\n", camera.cameras.front().value(), camera.model,
                         description);
+  }
+  for (const auto& [kind, count] : counts) {
+    if (count <= kMostOfAKind) continue;
+    text += fmt::format("\n{} more cameras like these: {}\n", count - kMostOfAKind,
+                        kind.empty() ? "refined" : kind + "...");
   }
   return text;
 }

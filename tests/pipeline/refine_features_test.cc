@@ -74,6 +74,17 @@ TEST_F(RefineFeatures, RefinedCamerasAreWritten) {
   EXPECT_NE(camera["params_before"], camera["params_after"]);
 }
 
+TEST_F(RefineFeatures, ThatNoCameraIsRefinedIsSaid) {
+  std::vector<std::string> arguments = RefineArguments();
+  arguments.insert(arguments.end(),
+                   {"--output", output().string(), "--set", "intrinsics.focal_length=true", "--set",
+                    "intrinsics.min_images=9"});
+  const auto result = RunTool("s3-refine", arguments);
+  EXPECT_EQ(result.exit_code, kDone) << result.errors;
+  EXPECT_THAT(result.errors, ::testing::HasSubstr("no camera is refined"));
+  EXPECT_THAT(result.errors, ::testing::HasSubstr("intrinsics.shared"));
+}
+
 TEST_F(RefineFeatures, TheReportIsAlsoATable) {
   Run({"--set", "planes.mode=hard"});
   EXPECT_EQ(Report()["plane_mode"], "hard");

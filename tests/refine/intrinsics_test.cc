@@ -203,6 +203,38 @@ TEST(RefineIntrinsics, ACameraThatHardlyAnythingWasTakenWithIsKept) {
             map.estimate.cameras.begin()->second.params);
 }
 
+/// Every image has a camera of its own.
+TEST(RefineIntrinsics, OneImageIsEnoughOnRequestAndManyCamerasAreCounted) {
+  const SyntheticMap map = MakeDeskMap();
+  Input input = MakeInput(map);
+  const Camera right = input.model.cameras.begin()->second;
+  input.model.cameras.clear();
+  for (auto& [id, image] : input.model.images) {
+    image.camera_id = CameraId(id.value());
+    Camera& camera = input.model.cameras[image.camera_id] = right;
+    camera.id = image.camera_id;
+    camera.params[0] *= 1.02;
+    if (!CameraModelHasSingleFocal(camera.model)) camera.params[1] *= 1.02;
+  }
+  auto assignments = kPlainWithFocal;
+  assignments.emplace_back("intrinsics.min_observations=10");
+  Output kept;
+  const Report kept_report = refine::Run(MakeOptions(assignments), input, kept);
+  for (const IntrinsicsReport& camera : kept_report.cameras) EXPECT_FALSE(camera.refined);
+  assignments.emplace_back("intrinsics.min_images=1");
+  Output output;
+  const Report report = refine::Run(MakeOptions(assignments), input, output);
+  ASSERT_EQ(report.cameras.size(), 16u);
+  for (const IntrinsicsReport& camera : report.cameras) EXPECT_TRUE(camera.refined);
+  EXPECT_LT(AlignedCenterError(output.model, map.truth), AlignedCenterError(kept.model, map.truth));
+  for (const Report* many : {&kept_report, &report}) {
+    const std::string table = ToTable(*many);
+    EXPECT_NE(table.find("\ncamera 10 "), std::string::npos) << table;
+    EXPECT_EQ(table.find("\ncamera 11 "), std::string::npos) << table;
+    EXPECT_NE(table.find("6 more cameras like these"), std::string::npos) << table;
+  }
+}
+
 /// Images with a little distortion that the model, a pinhole camera, does not know of.
 Input WithUnknownDistortion(const SyntheticMap& map) {
   Input input = MakeInput(map);
