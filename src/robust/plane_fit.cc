@@ -133,6 +133,22 @@ std::vector<double> BiweightsOf(std::span<const Departure> departures) {
   return weights;
 }
 
+/// True if the inliers may be a line that their noise makes as wide as it is thick: the covariance
+/// of the plane, which takes where they lie in it for exact, would not show that.
+bool IsWidthNoise(std::span<const UncertainPoint> points, const PlaneFit& fit) {
+  constexpr double kMinRatio = 2.0;
+  const double min_sigma = kMinRelativeSigma * fit.spread_u;
+  double variance = 0.0;
+  double total = 0.0;
+  for (const size_t i : fit.inliers) {
+    const double sigma = std::max(min_sigma, DistanceSigma(points[i], fit.plane.normal));
+    variance += fit.axis_v.dot(points[i].covariance * fit.axis_v) / (sigma * sigma);
+    total += 1.0 / (sigma * sigma);
+  }
+  const double noise = std::max(1.0, fit.rms_sigma) * std::sqrt(std::max(0.0, variance / total));
+  return fit.spread_v < kMinRatio * std::max(fit.rms, noise);
+}
+
 /// Draws, estimates and scores for Ransac.
 class PlaneEstimator {
  public:
@@ -286,21 +302,34 @@ PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& f
   return refit;
 }
 
-std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
-                                         const PlaneFitOptions& options, const NormalBand& band,
-                                         Rng& rng) {
+std::optional<PlaneFit> FindPlane(std::span<const UncertainPoint> points,
+                                  const PlaneFitOptions& options, const NormalBand& band,
+                                  Rng& rng) {
   if (points.size() < PlaneEstimator::kSampleSize) return std::nullopt;
   const PlaneEstimator estimator(points, options, band);
   const auto found = Ransac(estimator, options.inlier_sigmas, options.ransac, rng);
   if (!found) return std::nullopt;
   std::optional<PlaneFit> fit = FitPlane(points, found->inliers);
   if (!fit || !band.Contains(fit->plane.normal)) return std::nullopt;
-  if (fit->spread_v < options.min_width_ratio * fit->spread_u) return std::nullopt;
-  const Eigen::Matrix2d tilt = fit->covariance.topLeftCorner<2, 2>();
+  return fit;
+}
+
+bool IsDetermined(std::span<const UncertainPoint> points, const PlaneFit& fit,
+                  const PlaneFitOptions& options) {
+  if (fit.spread_v < options.min_width_ratio * fit.spread_u) return false;
+  if (IsWidthNoise(points, fit)) return false;
+  const Eigen::Matrix2d tilt = fit.covariance.topLeftCorner<2, 2>();
   const double tilt_variance =
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(tilt, Eigen::EigenvaluesOnly).eigenvalues()[1];
   const double max_tilt = options.max_tilt_sigma_deg * std::numbers::pi / 180.0;
-  if (!(tilt_variance < max_tilt * max_tilt)) return std::nullopt;
+  return tilt_variance < max_tilt * max_tilt;
+}
+
+std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
+                                         const PlaneFitOptions& options, const NormalBand& band,
+                                         Rng& rng) {
+  auto fit = FindPlane(points, options, band, rng);
+  if (!fit || !IsDetermined(points, *fit, options)) return std::nullopt;
   return fit;
 }
 

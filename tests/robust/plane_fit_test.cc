@@ -172,16 +172,48 @@ TEST_P(RobustPlane, RecoversUnderOutliers) {
 
 INSTANTIATE_TEST_SUITE_P(OutlierShares, RobustPlane, ::testing::Values(0.0, 0.3, 0.6, 0.75));
 
-TEST(FitPlaneRobustly, RefusesCollinearPoints) {
-  Rng rng(3);
+/// A line with noise of these standard deviations along the axes, as the points say.
+std::vector<UncertainPoint> SampleLine(size_t count, const Eigen::Vector3d& sigma, Rng& rng) {
   std::vector<UncertainPoint> points;
-  for (int i = 0; i < 100; ++i) {
-    const Eigen::Vector3d noise(rng.Gaussian(0, 0.001), rng.Gaussian(0, 0.001),
-                                rng.Gaussian(0, 0.001));
+  for (size_t i = 0; i < count; ++i) {
+    Eigen::Vector3d noise;
+    for (int c = 0; c < 3; ++c) noise[c] = rng.Gaussian(0.0, sigma[c]);
     points.push_back(
-        {Eigen::Vector3d(rng.Uniform(-1, 1), 0, 0) + noise, 1e-6 * Eigen::Matrix3d::Identity()});
+        {Eigen::Vector3d(rng.Uniform(-1, 1), 0, 0) + noise, sigma.cwiseAbs2().asDiagonal()});
   }
+  return points;
+}
+
+TEST(FitPlaneRobustly, RefusesCollinearPoints) {
+  for (const size_t count : {100U, 1000U, 5000U}) {
+    Rng rng(3);
+    auto points = SampleLine(count, {0.001, 0.001, 0.001}, rng);
+    EXPECT_FALSE(FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng)) << count;
+    for (UncertainPoint& point : points) point.covariance *= 0.25;  // Half as certain as they say.
+    EXPECT_FALSE(FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng)) << count;
+  }
+}
+
+TEST(FitPlaneRobustly, RefusesALineThatIsWideWherePointsAreUncertain) {
+  Rng rng(3);
+  const auto points = SampleLine(1000, {0.001, 0.05, 0.001}, rng);
   EXPECT_FALSE(FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng));
+}
+
+TEST(FitPlaneRobustly, AcceptsALongStreet) {
+  for (const double length : {700.0, 2500.0, 10000.0}) {
+    Rng rng(7);
+    std::vector<UncertainPoint> points;
+    for (int i = 0; i < 500; ++i) {
+      const double x = rng.Uniform(0.0, length);
+      points.push_back({{x, rng.Uniform(0.0, 8.0), rng.Gaussian(0.0, 0.05)},
+                        0.05 * 0.05 * Eigen::Matrix3d::Identity()});
+    }
+    const auto fit = FitPlaneRobustly(points, PlaneFitOptions{}, NormalBand{}, rng);
+    ASSERT_TRUE(fit) << length;
+    EXPECT_LT(PlaneAngle(fit->plane, MakePlane({0, 0, 1}, 0.0)), 0.3 * kDegree);
+    EXPECT_GT(fit->inliers.size(), 450U);
+  }
 }
 
 TEST(FitPlaneRobustly, RefusesAnUncertainTilt) {

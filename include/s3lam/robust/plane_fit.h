@@ -29,7 +29,7 @@ struct PlaneFitOptions {
   double inlier_sigmas = 1.96;
   double local_radius = 0.3;
   double max_tilt_sigma_deg = 3.0;
-  double min_width_ratio = 0.01;
+  double min_width_ratio = 1e-4;
 
   void Visit(OptionVisitor& v) {
     v.Group("ransac", ransac, "Sampling.");
@@ -96,9 +96,18 @@ std::optional<PlaneFit> FitPlane(std::span<const UncertainPoint> points,
 PlaneFit RefitRobustly(std::span<const UncertainPoint> points, const PlaneFit& fit);
 
 /// The plane that most points support, the closer they are to it the more: Ransac over minimal
-/// samples with RansacLoss::kOverScales, then FitPlane on the inliers.
-/// Empty if the points are degenerate, the support leaves the normal less certain than
-/// max_tilt_sigma_deg, or no plane has its normal in the band.
+/// samples with RansacLoss::kOverScales, then FitPlane on the inliers. Empty if the points are
+/// degenerate or no plane has its normal in the band.
+std::optional<PlaneFit> FindPlane(std::span<const UncertainPoint> points,
+                                  const PlaneFitOptions& options, const NormalBand& band, Rng& rng);
+
+/// True if the inliers tell which way the plane faces: it is less uncertain than
+/// max_tilt_sigma_deg, and they are no line, narrower than min_width_ratio allows or no wider than
+/// their noise makes one.
+bool IsDetermined(std::span<const UncertainPoint> points, const PlaneFit& fit,
+                  const PlaneFitOptions& options);
+
+/// FindPlane; empty as well if that plane is not determined.
 std::optional<PlaneFit> FitPlaneRobustly(std::span<const UncertainPoint> points,
                                          const PlaneFitOptions& options, const NormalBand& band,
                                          Rng& rng);
