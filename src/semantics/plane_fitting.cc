@@ -137,72 +137,52 @@ struct Bands {
   NormalBand expected;  // Within the other one.
 };
 
-/// The plane that most points support. A small surface leaves room for planes of quite different
-/// slopes; among such, one as expected is the likelier by far.
+/// The plane that most points support, determined or not. A small surface leaves room for planes of
+/// quite different slopes; among such, one as expected is the likelier by far.
 std::optional<PlaneFit> FitLikeliestPlane(std::span<const UncertainPoint> points,
                                           const Bands& bands, const PlaneFittingOptions& options,
                                           Rng& rng) {
-  auto best = FitPlaneRobustly(points, options.fit, bands.possible, rng);
-  if (!best || bands.expected.Contains(best->plane.normal)) return best;
+  auto best = FindPlane(points, options.fit, bands.possible, rng);
+  if (!best || !IsDetermined(points, *best, options.fit)) return best;
+  if (bands.expected.Contains(best->plane.normal)) return best;
   auto expected = FitPlaneRobustly(points, options.fit, bands.expected, rng);
   const double enough = options.exact_share * static_cast<double>(best->inliers.size());
   if (!expected || static_cast<double>(expected->inliers.size()) < enough) return best;
   return expected;
 }
 
+/// What most of the points left of a cluster support: a plane, or points that make none.
+struct Finding {
+  PlaneFit fit;  // If it is no plane, the inliers alone.
+  bool is_plane = false;
+};
+
+Finding NoPlane(std::vector<size_t> inliers) {
+  Finding finding;
+  finding.fit.inliers = std::move(inliers);
+  return finding;
+}
+
 /// The next plane among the candidates listed in `rest`, as one connected patch of one surface.
-std::optional<PlaneFit> FitNextPlane(const Candidates& candidates, const std::vector<size_t>& rest,
-                                     size_t min_inliers, const Bands& bands,
-                                     const PlaneFittingOptions& options, Rng& rng) {
+std::optional<Finding> FitNextPlane(const Candidates& candidates, const std::vector<size_t>& rest,
+                                    size_t min_inliers, const Bands& bands,
+                                    const PlaneFittingOptions& options, Rng& rng) {
   std::vector<UncertainPoint> points;
   for (const size_t i : rest) points.push_back(candidates.points[i]);
   const auto whole = FitLikeliestPlane(points, bands, options, rng);
   if (!whole) return std::nullopt;
-  std::vector<size_t> patch;
-  for (const size_t i : LargestPatch(points, *whole, options.max_gap * candidates.median_depth)) {
-    patch.push_back(rest[i]);
-  }
+  const bool is_determined = IsDetermined(points, *whole, options.fit);
+  const double max_gap = options.max_gap * candidates.median_depth;
+  std::vector<size_t> patch =
+      is_determined ? LargestPatch(points, *whole, max_gap) : whole->inliers;
+  for (size_t& i : patch) i = rest[i];
+  if (!is_determined) return NoPlane(std::move(patch));
   auto fit = FitPlane(candidates.points, patch);
-  if (!fit || !bands.possible.Contains(fit->plane.normal)) return std::nullopt;
+  if (!fit || !bands.possible.Contains(fit->plane.normal)) return NoPlane(std::move(patch));
   PlaneFit part = SplitAtGaps(candidates.points, *fit, kLeastPart);
   const bool is_sound =
       part.inliers.size() >= min_inliers && bands.possible.Contains(part.plane.normal);
-  return is_sound ? std::move(part) : std::move(*fit);
-}
-
-std::vector<PlanarSurface> FitPlanesToCluster(const Reconstruction& reconstruction,
-                                              const Cluster& cluster, const Candidates& candidates,
-                                              int min_class_inliers, const Bands& bands,
-                                              const PlaneFittingOptions& options, Rng rng) {
-  const double share = options.min_cluster_share * static_cast<double>(cluster.points.size());
-  const auto min_inliers =
-      static_cast<size_t>(std::max(static_cast<double>(min_class_inliers), share));
-  std::vector<size_t> rest(candidates.ids.size());
-  std::iota(rest.begin(), rest.end(), size_t{0});
-  std::vector<PlaneFit> fits;
-  std::vector<size_t> too_small;  // Points of planes that are none.
-  for (int i = 0; i < options.max_planes_per_cluster && rest.size() >= min_inliers; ++i) {
-    auto fit = FitNextPlane(candidates, rest, min_inliers, bands, options, rng);
-    if (!fit) break;
-    std::vector<size_t> remaining;
-    std::set_difference(rest.begin(), rest.end(), fit->inliers.begin(), fit->inliers.end(),
-                        std::back_inserter(remaining));
-    rest = std::move(remaining);
-    if (fit->inliers.size() >= min_inliers) {
-      fits.push_back(std::move(*fit));
-    } else {
-      too_small.insert(too_small.end(), fit->inliers.begin(), fit->inliers.end());
-    }
-  }
-  rest.insert(rest.end(), too_small.begin(), too_small.end());
-  std::sort(rest.begin(), rest.end());
-  JoinLayers(candidates, options, std::move(rest), fits);
-  std::vector<PlanarSurface> surfaces;
-  for (const PlaneFit& fit : fits) {
-    surfaces.push_back(
-        MakeSurface(reconstruction, cluster, candidates, RefitRobustly(candidates.points, fit)));
-  }
-  return surfaces;
+  return Finding{is_sound ? std::move(part) : std::move(*fit), true};
 }
 
 /// A cluster to fit planes to.
@@ -211,7 +191,47 @@ struct Task {
   const SemanticClass* semantic_class = nullptr;
   Candidates candidates;
   std::vector<PlanarSurface> surfaces;
+
+  /// Of inliers of a plane.
+  [[nodiscard]] size_t LeastNumber(double min_cluster_share) const {
+    const double share = min_cluster_share * static_cast<double>(cluster->points.size());
+    return static_cast<size_t>(
+        std::max(static_cast<double>(semantic_class->min_plane_inliers), share));
+  }
 };
+
+void FitPlanesToCluster(const Reconstruction& reconstruction, const Bands& bands,
+                        const PlaneFittingOptions& options, Rng rng, Task& task) {
+  const Candidates& candidates = task.candidates;
+  const size_t min_inliers = task.LeastNumber(options.min_cluster_share);
+  const auto max_planes = static_cast<size_t>(options.max_planes_per_cluster);
+  std::vector<size_t> rest(candidates.ids.size());
+  std::iota(rest.begin(), rest.end(), size_t{0});
+  std::vector<PlaneFit> fits;
+  std::vector<size_t> set_aside;  // Points of what is no plane, or too small for one.
+  for (size_t i = 0; i < max_planes && rest.size() >= min_inliers; ++i) {
+    auto next = FitNextPlane(candidates, rest, min_inliers, bands, options, rng);
+    if (!next) break;
+    PlaneFit& fit = next->fit;
+    std::vector<size_t> remaining;
+    std::set_difference(rest.begin(), rest.end(), fit.inliers.begin(), fit.inliers.end(),
+                        std::back_inserter(remaining));
+    rest = std::move(remaining);
+    if (next->is_plane && fit.inliers.size() >= min_inliers) {
+      fits.push_back(std::move(fit));
+    } else {
+      set_aside.insert(set_aside.end(), fit.inliers.begin(), fit.inliers.end());
+    }
+  }
+  rest.insert(rest.end(), set_aside.begin(), set_aside.end());
+  std::sort(rest.begin(), rest.end());
+  JoinLayers(candidates, options, std::move(rest), fits);
+  task.surfaces.clear();
+  for (const PlaneFit& fit : fits) {
+    task.surfaces.push_back(MakeSurface(reconstruction, *task.cluster, candidates,
+                                        RefitRobustly(candidates.points, fit)));
+  }
+}
 
 /// Indices of the tasks in the order in which threads are busy to the end.
 std::vector<size_t> LargestFirst(const std::vector<Task>& tasks) {
@@ -350,9 +370,7 @@ void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
   }
   const Rng rng(seed);
   const auto fit = [&](Task& task, const Bands& bands) {
-    task.surfaces = FitPlanesToCluster(reconstruction, *task.cluster, task.candidates,
-                                       task.semantic_class->min_plane_inliers, bands, options,
-                                       rng.Fork(task.cluster->id.value()));
+    FitPlanesToCluster(reconstruction, bands, options, rng.Fork(task.cluster->id.value()), task);
   };
   const std::vector<size_t> order = LargestFirst(tasks);
   ParallelFor(tasks.size(), num_threads, [&](size_t i) {

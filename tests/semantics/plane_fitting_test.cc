@@ -75,6 +75,24 @@ TEST(FitPlanes, FindsSeveralPlanesInACluster) {
               90.0 * kDegree, 0.5 * kDegree);
 }
 
+TEST(FitPlanes, GoesOnAfterARefusal) {
+  Reconstruction scene = FlatScene(500);
+  size_t number = 0;
+  for (auto& [id, point] : scene.points) {  // Most of a strip above the floor.
+    if (++number > 300) continue;
+    point.xyz.y() *= 0.1;
+    point.xyz.z() = 0.5;
+  }
+  SemanticMap map = OneCluster(scene, true);
+  PlaneFittingOptions options;
+  FitPlanes(scene, 0.5, options, 0, 1, map);
+  EXPECT_EQ(map.planes.size(), 2U);
+  options.fit.min_width_ratio = 0.3;
+  FitPlanes(scene, 0.5, options, 0, 1, map);
+  ASSERT_EQ(map.planes.size(), 1U);
+  EXPECT_NEAR(map.planes.begin()->second.centroid_in_world.z(), 0.0, 0.01);
+}
+
 TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
   Reconstruction scene = FlatScene(600);
   Rng rng(5);
