@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "plane_patches.h"
+#include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/base/statistics.h"
 #include "s3lam/geometry/convex_hull.h"
@@ -191,6 +192,7 @@ struct Task {
   const SemanticClass* semantic_class = nullptr;
   Candidates candidates;
   std::vector<PlanarSurface> surfaces;
+  size_t points_left = 0;  // Enough for another plane, had not so many been found already.
 
   /// Of inliers of a plane.
   [[nodiscard]] size_t LeastNumber(double min_cluster_share) const {
@@ -223,6 +225,8 @@ void FitPlanesToCluster(const Reconstruction& reconstruction, const Bands& bands
       set_aside.insert(set_aside.end(), fit.inliers.begin(), fit.inliers.end());
     }
   }
+  const bool is_cut_short = fits.size() == max_planes && rest.size() >= min_inliers;
+  task.points_left = is_cut_short ? rest.size() : 0;
   rest.insert(rest.end(), set_aside.begin(), set_aside.end());
   std::sort(rest.begin(), rest.end());
   JoinLayers(candidates, options, std::move(rest), fits);
@@ -231,6 +235,15 @@ void FitPlanesToCluster(const Reconstruction& reconstruction, const Bands& bands
     task.surfaces.push_back(MakeSurface(reconstruction, *task.cluster, candidates,
                                         RefitRobustly(candidates.points, fit)));
   }
+}
+
+void WarnIfCutShort(const Task& task, const PlaneFittingOptions& options) {
+  if (task.points_left == 0 || options.max_planes_per_cluster == 0) return;
+  spdlog::warn(
+      "class {}, cluster {}: {} planes found, no more looked for among {} points left "
+      "(planes.max_planes_per_cluster)",
+      task.semantic_class->name, task.cluster->id.value(), options.max_planes_per_cluster,
+      task.points_left);
 }
 
 /// Indices of the tasks in the order in which threads are busy to the end.
@@ -366,7 +379,7 @@ void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
   std::vector<Task> tasks;
   for (const auto& [id, cluster] : map.clusters) {
     const SemanticClass& c = map.class_table.classes[static_cast<size_t>(cluster.class_index)];
-    if (c.is_planar) tasks.push_back({&cluster, &c, {}, {}});
+    if (c.is_planar) tasks.push_back({&cluster, &c, {}, {}, 0});
   }
   const Rng rng(seed);
   const auto fit = [&](Task& task, const Bands& bands) {
@@ -391,6 +404,7 @@ void FitPlanes(const Reconstruction& reconstruction, double keypoint_sigma_px,
   }
   map.planes.clear();
   for (Task& task : tasks) {
+    WarnIfCutShort(task, options);
     for (PlanarSurface& surface : task.surfaces) {
       surface.id = PlaneId(static_cast<uint32_t>(map.planes.size()));
       map.planes.emplace(surface.id, std::move(surface));

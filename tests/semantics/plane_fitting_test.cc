@@ -1,11 +1,14 @@
 #include "s3lam/semantics/plane_fitting.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "s3lam/base/rng.h"
+#include "support/captured_log.h"
 #include "support/test_scene.h"
 
 namespace s3lam {
@@ -91,6 +94,26 @@ TEST(FitPlanes, GoesOnAfterARefusal) {
   FitPlanes(scene, 0.5, options, 0, 1, map);
   ASSERT_EQ(map.planes.size(), 1U);
   EXPECT_NEAR(map.planes.begin()->second.centroid_in_world.z(), 0.0, 0.01);
+}
+
+TEST(FitPlanes, TellsWhenALimitLeavesPointsWithoutAPlane) {
+  const Reconstruction scene = CornerScene();
+  SemanticMap map = OneCluster(scene, true);
+  PlaneFittingOptions options;
+  const auto log_of_fitting = [&](int max_planes) {
+    options.max_planes_per_cluster = max_planes;
+    const testing::CapturedLog log;
+    FitPlanes(scene, EstimateKeypointSigma(scene), options, 0, 1, map);
+    return log.text();
+  };
+  const std::string text = log_of_fitting(1);
+  EXPECT_EQ(map.planes.size(), 1U);
+  for (const char* part : {"wall", "cluster 3", "points left", "max_planes_per_cluster"}) {
+    EXPECT_THAT(text, ::testing::HasSubstr(part));
+  }
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1);
+  EXPECT_EQ(log_of_fitting(2), "");
+  EXPECT_EQ(log_of_fitting(0), "");
 }
 
 TEST(FitPlanes, TakesLayersOverEachOtherForOneSurface) {
