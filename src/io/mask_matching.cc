@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <map>
@@ -5,6 +7,7 @@
 #include <utility>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
 #include "s3lam/io/panoptic_masks.h"
 
 namespace s3lam {
@@ -91,7 +94,21 @@ class Matcher {
       }
       result_[i] = mask;
       taken_.insert(mask);
+      if (rule.folders == Folders::kAll) {
+        const std::string folder = FolderOf(mask_keys_[mask]);
+        if (!folder.empty()) folders_by_path_.insert(folder);
+        ++num_by_path_;
+      } else if (num_by_less_++ == 0) {
+        example_by_less_ = fmt::format("mask {} for image {}", masks_[mask], images_[i]);
+      }
     }
+  }
+
+  /// Some masks lie as the images do; those that do not may be of other images.
+  void WarnIfMixed() const {
+    if (num_by_path_ == 0 || num_by_less_ == 0) return;
+    spdlog::warn("masks: {} found by the paths of their images, {} by no more than a name: {}",
+                 num_by_path_, num_by_less_, example_by_less_);
   }
 
   [[nodiscard]] std::vector<std::optional<size_t>> Take() { return std::move(result_); }
@@ -104,10 +121,16 @@ class Matcher {
     return folder.substr(folder.rfind('/') + 1);
   }
 
+  /// True if folders of masks are named as those of images, but not the one this mask lies in.
+  [[nodiscard]] bool IsOfOtherImages(size_t mask) const {
+    const std::string folder = FolderOf(mask_keys_[mask]);
+    return !folders_by_path_.empty() && !folder.empty() && !folders_by_path_.contains(folder);
+  }
+
   [[nodiscard]] Keys IndexMasks(const Rule& rule) const {
     Keys keys;
     for (size_t i = 0; i < mask_keys_.size(); ++i) {
-      if (taken_.contains(i)) continue;
+      if (taken_.contains(i) || (rule.folders != Folders::kAll && IsOfOtherImages(i))) continue;
       const std::string folder = LastFolder(mask_keys_[i]);
       const bool belongs_elsewhere =
           rule.folders == Folders::kNone && !folder.empty() && image_folders_.contains(folder);
@@ -122,6 +145,10 @@ class Matcher {
   std::vector<std::string> mask_keys_;
   std::set<std::string> image_folders_;
   std::set<size_t> taken_;
+  std::set<std::string> folders_by_path_;  // Of the masks found by path.
+  size_t num_by_path_ = 0;
+  size_t num_by_less_ = 0;
+  std::string example_by_less_;
   std::vector<std::optional<size_t>> result_;
 };
 
@@ -131,6 +158,7 @@ std::vector<std::optional<size_t>> MatchMasksToImages(const std::vector<std::str
                                                       const std::vector<std::string>& mask_names) {
   Matcher matcher(image_names, mask_names);
   for (const Rule& rule : kRules) matcher.Apply(rule);
+  matcher.WarnIfMixed();
   return matcher.Take();
 }
 

@@ -3,12 +3,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "s3lam/base/error.h"
 #include "s3lam/io/semantic_map_io.h"
+#include "support/captured_log.h"
 #include "support/temp_dir.h"
 
 namespace s3lam {
@@ -196,6 +199,34 @@ TEST(MatchMasksToImages, FollowsItsRules) {
   EXPECT_THAT(match({"color/0.jpg"}, {"label-filt/0.png"}), ElementsAre(0));
   // The stronger rule wins.
   EXPECT_THAT(match({"a/1.jpg"}, {"1.png", "a/1.png"}), ElementsAre(1));
+}
+
+TEST(MatchMasksToImages, TakesNoMasksFromAFolderOfOtherImages) {
+  const std::vector<std::string> images = {"phone/1.jpg", "phone/2.jpg"};
+  const std::vector<std::string> masks = {"day2/1.png", "day2/2.png", "phone/1.png"};
+  const auto matches = MatchMasksToImages(images, masks);
+  EXPECT_EQ(matches[0], 2U);
+  EXPECT_EQ(matches[1], std::nullopt);
+  // The last folder alone tells as little.
+  const auto deeper = MatchMasksToImages({"x/a/1.jpg", "x/a/2.jpg"}, {"x/a/1.png", "y/a/2.png"});
+  EXPECT_EQ(deeper[1], std::nullopt);
+  // Without any folder, or where none of the folders is the images', a name will do.
+  EXPECT_EQ(MatchMasksToImages(images, {"2.png", "phone/1.png"})[1], 0U);
+  EXPECT_EQ(MatchMasksToImages(images, {"day2/1.png", "day2/2.png"})[1], 1U);
+  EXPECT_EQ(MatchMasksToImages({"1.jpg", "2.jpg"}, {"1.png", "more/2.png"})[1], 1U);
+}
+
+TEST(MatchMasksToImages, WarnsWhenOnlySomeAreFoundByPath) {
+  const testing::CapturedLog log;
+  MatchMasksToImages({"a/1.jpg", "a/2.jpg"}, {"a/1.png", "a/2.png"});
+  MatchMasksToImages({"a/1.jpg", "a/2.jpg"}, {"1.png", "2.png"});
+  EXPECT_EQ(log.text(), "");
+  MatchMasksToImages({"a/1.jpg", "a/2.jpg", "a/3.jpg"}, {"a/1.png", "2.png", "3.png"});
+  EXPECT_THAT(log.text(), HasSubstr("1 found by the paths"));
+  EXPECT_THAT(log.text(), HasSubstr("2 by no more"));
+  EXPECT_THAT(log.text(), HasSubstr("mask 2.png for image a/2.jpg"));
+  const std::string text = log.text();
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1);
 }
 
 TEST(MatchMasksToImages, RefusesAmbiguity) {

@@ -90,9 +90,11 @@ class PanopticMasks {
 ///   4. the file name alone           cam0/000012.jpg        masks/000012.png
 /// 3 and 4 with extensions as in 2. A mask that a stricter rule gave to an image is out of the
 /// running, and so is, for 4, one that lies in a folder of the name of some image's folder: it
-/// belongs to an image of that folder. Cityscapes' endings (_leftImg8bit, _gtFine_instanceIds, ...)
-/// do not count as part of a name, nor does ScanNet's folder label-filt. Throws InputError if a
-/// rule fits several masks, or gives one mask to several images.
+/// belongs to an image of that folder. Where 1 or 2 found masks in folders, 3 and 4 are not for
+/// those in other folders, which are of images that are not asked for. What 3 and 4 find beside 1
+/// and 2 is warned of. Cityscapes' endings (_leftImg8bit, _gtFine_instanceIds, ...) do not count as
+/// part of a name, nor does ScanNet's folder label-filt. Throws InputError if a rule fits several
+/// masks, or gives one mask to several images.
 std::vector<std::optional<size_t>> MatchMasksToImages(const std::vector<std::string>& image_names,
                                                       const std::vector<std::string>& mask_names);
 
