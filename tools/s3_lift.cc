@@ -77,7 +77,8 @@ po::options_description Arguments() {
   add("overlays", po::value<std::string>()->default_value("0")->value_name("N|all|NAME,..."),
       "draw keypoints and planes onto so many images, all, or those named");
   add("images", po::value<std::string>()->default_value("")->value_name("DIR"),
-      "where they are (default: what the model's project.ini says)");
+      "where they are (default: what the model's project.ini says, if relative from here or from "
+      "the model)");
   add("lenient", po::bool_switch(), "skip and count masks that cannot be used");
   return description;
 }
@@ -213,14 +214,30 @@ struct Overlays {
   fs::path image_directory;
 };
 
+fs::path ImageDirectory(const po::variables_map& arguments) {
+  const fs::path given = arguments["images"].as<std::string>();
+  if (!given.empty()) return given;
+  const auto noted = ReadColmapProject(fs::path(Required(arguments, "model")) / "project.ini");
+  if (!noted) throw UsageError("--overlays needs --images: the model has no project.ini");
+  return *noted;
+}
+
+/// What is missing would be seen only after all has been computed.
+void CheckImagesExist(const Overlays& overlays) {
+  for (const Image* image : overlays.images) {
+    const fs::path path = overlays.image_directory / image->name;
+    if (fs::is_regular_file(path)) continue;
+    ThrowInputError("{}: no such image to draw an overlay on: --images says where they are",
+                    path.string());
+  }
+}
+
 Overlays ChooseOverlays(const po::variables_map& arguments, const Reconstruction& model) {
   Overlays overlays;
   overlays.images = SelectImages(model, arguments["overlays"].as<std::string>());
-  overlays.image_directory = arguments["images"].as<std::string>();
-  if (overlays.images.empty() || !overlays.image_directory.empty()) return overlays;
-  const auto noted = ReadColmapProject(fs::path(Required(arguments, "model")) / "project.ini");
-  if (!noted) throw UsageError("--overlays needs --images: the model has no project.ini");
-  overlays.image_directory = *noted;
+  if (overlays.images.empty()) return overlays;
+  overlays.image_directory = ImageDirectory(arguments);
+  CheckImagesExist(overlays);
   return overlays;
 }
 

@@ -123,7 +123,10 @@ std::optional<fs::path> ReadColmapProject(const fs::path& path) {
   if (!fs::exists(path)) return std::nullopt;
   std::istringstream lines(ReadFile(path));
   for (std::string line; std::getline(lines, line);) {
-    if (line.starts_with(kKey)) return line.substr(kKey.size());
+    if (!line.starts_with(kKey)) continue;
+    const fs::path images = line.substr(kKey.size());
+    const fs::path from_file = path.parent_path() / images;  // The same if absolute.
+    return !fs::exists(images) && fs::exists(from_file) ? from_file : images;
   }
   return std::nullopt;
 }

@@ -317,5 +317,18 @@ TEST(ColmapModel, ProjectNamesTheImages) {
   EXPECT_THAT(FileBytes(dir / "project.ini"), HasSubstr("image_path=" + (dir / "images").string()));
 }
 
+TEST(ColmapModel, ProjectMayNameImagesFromItsOwnFolder) {
+  const TempDir dir;
+  std::filesystem::create_directories(dir / "model");
+  const auto project = dir.Write("model/project.ini", "image_path=../images\n");
+  EXPECT_EQ(ReadColmapProject(project), "../images");  // There is none.
+  std::filesystem::create_directories(dir / "images");
+  EXPECT_EQ(ReadColmapProject(project), dir / "model/../images");
+  const std::filesystem::path here = std::filesystem::relative(dir / "images");
+  std::filesystem::create_directories(dir / "model" / here);
+  dir.Write("model/project.ini", "image_path=" + here.string() + "\n");
+  EXPECT_EQ(ReadColmapProject(project), here);  // Rather from the working directory.
+}
+
 }  // namespace
 }  // namespace s3lam

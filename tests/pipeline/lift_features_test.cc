@@ -83,6 +83,24 @@ TEST_F(LiftFeatures, OverlaysFindTheImagesByTheProject) {
   EXPECT_EQ(Listing(output() / "overlays").size(), 1U);
 }
 
+TEST_F(LiftFeatures, OverlaysMissAnImageBeforeAnythingIsComputed) {
+  WriteImages();
+  const std::string name = ReadColmapModel(model()).images.begin()->second.name;
+  std::filesystem::remove(images() / name);
+  for (const std::string& mask : mask_names_) Truncate(masks() / mask, 0.5);  // Never read.
+  ExpectRefused(Lift({"--overlays", "all", "--images", images().string()}), kBadInput,
+                {(images() / name).string(), "--images"});
+  EXPECT_FALSE(std::filesystem::exists(output()));
+}
+
+TEST_F(LiftFeatures, OverlaysFindImagesThatTheProjectNamesFromTheModel) {
+  WriteImages();
+  inputs_.Write("model/project.ini", "image_path=../images\n");
+  const ProgramResult result = Lift({"--overlays", "1"});
+  ASSERT_EQ(result.exit_code, kDone) << result.errors;
+  EXPECT_EQ(Listing(output() / "overlays").size(), 1U);
+}
+
 TEST_F(LiftFeatures, OverlaysThatCannotBeDrawn) {
   WriteImages();
   ExpectRefused(Lift({"--overlays", "nobody.png", "--images", images().string()}), kBadInput,

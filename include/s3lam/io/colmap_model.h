@@ -29,7 +29,8 @@ void WriteColmapModelText(const Reconstruction& reconstruction,
 /// Writes the project.ini that lets the COLMAP GUI find the images.
 void WriteColmapProject(const std::filesystem::path& image_directory,
                         const std::filesystem::path& path);
-/// The folder of images that a project.ini names; empty without the file or the name.
+/// The folder of images that a project.ini names, seen from the working directory or, if there is
+/// none, from the file's folder; empty without the file or the name.
 std::optional<std::filesystem::path> ReadColmapProject(const std::filesystem::path& path);
 
 /// Stream forms. `source` is the file's name for messages; readers do not check references.
