@@ -25,6 +25,8 @@ constexpr std::array<ModelInfo, kNumCameraModels> kModels{{
     {"OPENCV_FISHEYE", 8, false},
     {"FULL_OPENCV", 12, false},
     {"FOV", 5, false},
+    {"SIMPLE_RADIAL_FISHEYE", 4, true},
+    {"RADIAL_FISHEYE", 5, true},
 }};
 
 const ModelInfo& Info(CameraModel model) { return kModels[static_cast<size_t>(model)]; }
@@ -34,6 +36,15 @@ const ModelInfo& Info(CameraModel model) { return kModels[static_cast<size_t>(mo
 std::string_view CameraModelName(CameraModel model) { return Info(model).name; }
 int CameraModelNumParams(CameraModel model) { return Info(model).num_params; }
 bool CameraModelHasSingleFocal(CameraModel model) { return Info(model).single_focal; }
+
+std::string SupportedCameraModels() {
+  std::string names;
+  for (const ModelInfo& info : kModels) {
+    if (!names.empty()) names += ", ";
+    names += info.name;
+  }
+  return names;
+}
 
 std::vector<int> CameraModelPinholeParams(CameraModel model) {
   std::vector<int> params(CameraModelHasSingleFocal(model) ? 3 : 4);
@@ -51,8 +62,10 @@ std::vector<int> CameraModelRadialParams(CameraModel model) {
     case CameraModel::kPinhole:
       return {};
     case CameraModel::kSimpleRadial:
+    case CameraModel::kSimpleRadialFisheye:
       return {3};
     case CameraModel::kRadial:
+    case CameraModel::kRadialFisheye:
       return {3, 4};
     case CameraModel::kOpenCv:
       return {4, 5};

@@ -25,7 +25,8 @@ void CheckKeys(const nlohmann::json& json, const std::string& source) {
 CameraModel ModelByName(const std::string& name, const std::string& source) {
   const auto model = CameraModelFromName(name);
   if (!model) {
-    ThrowInputError("{}: 'model' {} is not a supported COLMAP camera model", source, name);
+    ThrowInputError("{}: 'model' {} is not a supported COLMAP camera model ({})", source, name,
+                    SupportedCameraModels());
   }
   return *model;
 }

@@ -90,8 +90,10 @@ std::vector<double> OpenCvDistortion(const Camera& camera) {
   const std::vector<double>& p = camera.params;
   switch (camera.model) {
     case CameraModel::kSimpleRadial:
+    case CameraModel::kSimpleRadialFisheye:
       return {p[3], 0, 0, 0};
     case CameraModel::kRadial:
+    case CameraModel::kRadialFisheye:
       return {p[3], p[4], 0, 0};
     case CameraModel::kOpenCv:
     case CameraModel::kOpenCvFisheye:
@@ -106,7 +108,7 @@ TEST(CameraModels, AgreeWithOpenCv) {
   for (const CameraModel model : AllModels()) {
     if (model == CameraModel::kFov) continue;  // OpenCV does not have it.
     const Camera camera = MakeTestCamera(model);
-    const bool fisheye = model == CameraModel::kOpenCvFisheye;
+    const bool fisheye = CameraModelName(model).ends_with("FISHEYE");
     Rng rng(1);
     for (int i = 0; i < 200; ++i) {
       const double x = rng.Uniform(-1.2, 1.2);
@@ -141,7 +143,7 @@ TEST(FovCamera, FollowsItsFormulaAndItsLimits) {
 }
 
 TEST(Camera, UnsupportedModelsAreNotKnown) {
-  for (const int id : {-1, 8, 9, 10, 11}) EXPECT_FALSE(CameraModelFromId(id).has_value()) << id;
+  for (const int id : {-1, 10, 11, 12}) EXPECT_FALSE(CameraModelFromId(id).has_value()) << id;
   EXPECT_FALSE(CameraModelFromName("THIN_PRISM_FISHEYE").has_value());
   EXPECT_FALSE(CameraModelFromName("pinhole").has_value());
 }

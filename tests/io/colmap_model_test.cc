@@ -203,9 +203,9 @@ TEST(ColmapModelBinary, BytesAfterTheLastEntryAreRefused) {
 }
 
 TEST(ColmapModelBinary, UnsupportedCameraModelIsNamed) {
-  const std::string bytes = Bytes(uint64_t{1}) + Bytes(uint32_t{5}) + Bytes(int32_t{9}) +
+  const std::string bytes = Bytes(uint64_t{1}) + Bytes(uint32_t{5}) + Bytes(int32_t{10}) +
                             Bytes(uint64_t{640}) + Bytes(uint64_t{480}) + std::string(64, '\0');
-  ExpectError(ReadCamerasBinary, bytes, "unsupported camera model id 9");
+  ExpectError(ReadCamerasBinary, bytes, "unsupported camera model id 10");
 }
 
 TEST(ColmapModelBinary, LayoutIsColmaps) {

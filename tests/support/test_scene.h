@@ -48,6 +48,12 @@ inline Camera MakeTestCamera(CameraModel model, CameraId id = CameraId(1)) {
     case CameraModel::kFov:
       add({0.6});
       break;
+    case CameraModel::kSimpleRadialFisheye:
+      add({-0.02});
+      break;
+    case CameraModel::kRadialFisheye:
+      add({-0.03, 0.008});
+      break;
   }
   return camera;
 }

@@ -13,19 +13,23 @@ namespace s3lam {
 
 /// COLMAP's camera models, with COLMAP's ids and parameter order.
 enum class CameraModel : int {
-  kSimplePinhole = 0,  // f, cx, cy
-  kPinhole = 1,        // fx, fy, cx, cy
-  kSimpleRadial = 2,   // f, cx, cy, k
-  kRadial = 3,         // f, cx, cy, k1, k2
-  kOpenCv = 4,         // fx, fy, cx, cy, k1, k2, p1, p2
-  kOpenCvFisheye = 5,  // fx, fy, cx, cy, k1, k2, k3, k4
-  kFullOpenCv = 6,     // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6
-  kFov = 7,            // fx, fy, cx, cy, omega
+  kSimplePinhole = 0,        // f, cx, cy
+  kPinhole = 1,              // fx, fy, cx, cy
+  kSimpleRadial = 2,         // f, cx, cy, k
+  kRadial = 3,               // f, cx, cy, k1, k2
+  kOpenCv = 4,               // fx, fy, cx, cy, k1, k2, p1, p2
+  kOpenCvFisheye = 5,        // fx, fy, cx, cy, k1, k2, k3, k4
+  kFullOpenCv = 6,           // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6
+  kFov = 7,                  // fx, fy, cx, cy, omega
+  kSimpleRadialFisheye = 8,  // f, cx, cy, k
+  kRadialFisheye = 9,        // f, cx, cy, k1, k2
 };
-inline constexpr int kNumCameraModels = 8;
+inline constexpr int kNumCameraModels = 10;
 
 /// "SIMPLE_PINHOLE", ...
 std::string_view CameraModelName(CameraModel model);
+/// All names with commas between them, for messages.
+std::string SupportedCameraModels();
 std::optional<CameraModel> CameraModelFromName(std::string_view name);
 /// Empty for an id that is unknown or not supported.
 std::optional<CameraModel> CameraModelFromId(int id);
@@ -82,6 +86,25 @@ struct Camera {
 
 // ---- implementation of the template ----
 
+namespace internal {
+
+/// By what an equidistant lens scales normalised coordinates of the squared radius r2:
+/// theta (1 + k[0] theta^2 + k[1] theta^4 + ...) / r.
+template <typename T>
+T EquidistantScale(const T& r2, const T* k, int num_terms) {
+  using std::atan;
+  using std::sqrt;
+  if (!(r2 > T(1e-16))) return T(1.0);
+  const T r = sqrt(r2);
+  const T theta = atan(r);
+  const T t2 = theta * theta;
+  T sum = k[num_terms - 1];
+  for (int i = num_terms - 2; i >= 0; --i) sum = k[i] + t2 * sum;
+  return theta * (T(1.0) + t2 * sum) / r;
+}
+
+}  // namespace internal
+
 template <typename T>
 void ImageFromCamera(CameraModel model, const T* p, const T* xyz, T* xy) {
   using std::atan;
@@ -125,15 +148,17 @@ void ImageFromCamera(CameraModel model, const T* p, const T* xyz, T* xy) {
       return;
     }
     case CameraModel::kOpenCvFisheye: {
-      T scale = T(1.0);
-      if (r2 > T(1e-16)) {
-        const T r = sqrt(r2);
-        const T theta = atan(r);
-        const T t2 = theta * theta;
-        scale = theta * (T(1.0) + t2 * (p[4] + t2 * (p[5] + t2 * (p[6] + t2 * p[7])))) / r;
-      }
+      const T scale = internal::EquidistantScale(r2, p + 4, 4);
       xy[0] = p[0] * scale * u + p[2];
       xy[1] = p[1] * scale * v + p[3];
+      return;
+    }
+    case CameraModel::kSimpleRadialFisheye:
+    case CameraModel::kRadialFisheye: {
+      const int num_terms = model == CameraModel::kRadialFisheye ? 2 : 1;
+      const T scale = internal::EquidistantScale(r2, p + 3, num_terms);
+      xy[0] = p[0] * scale * u + p[1];
+      xy[1] = p[0] * scale * v + p[2];
       return;
     }
     case CameraModel::kFov: {
