@@ -1,12 +1,14 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
 #include "s3lam/io/file.h"
 #include "s3lam/scene/reconstruction.h"
 
@@ -30,6 +32,18 @@ void InsertUnique(Map& map, typename Map::key_type id, typename Map::mapped_type
   if (map.size() == size_before) {
     ThrowInputError("{}: {} {} appears twice", source, what, id.value());
   }
+}
+
+/// True, with a warning, if the camera of a model that is not supported can be left out: the images
+/// of the model are known, and none is of it.
+inline bool CanSkipCamera(const Reconstruction& model, CameraId id, std::string_view model_name,
+                          const std::string& source) {
+  const bool is_used = std::any_of(model.images.begin(), model.images.end(),
+                                   [&](const auto& item) { return item.second.camera_id == id; });
+  if (is_used || model.images.empty()) return false;
+  spdlog::warn("{}: camera {} is left out: no image is of it, and {} is not supported", source,
+               id.value(), model_name);
+  return true;
 }
 
 /// Throws InputError unless the name can be used in both forms of the model, and as that of a file

@@ -97,7 +97,9 @@ Reconstruction ReadColmapModel(const fs::path& directory) {
   const auto& names = is_binary ? kBinaryFiles : kTextFiles;
   const auto& readers = is_binary ? kBinaryReaders : kTextReaders;
   Reconstruction model;
-  for (size_t i = 0; i < names.size(); ++i) ReadModelFile(directory / names[i], readers[i], model);
+  for (const size_t i : {1, 0, 2}) {  // The images tell which cameras are needed.
+    ReadModelFile(directory / names[i], readers[i], model);
+  }
   CheckReconstruction(model, directory.string());
   CheckNamesDiffer(model, directory.string());
   return model;

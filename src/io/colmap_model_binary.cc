@@ -1,6 +1,10 @@
 #include <Eigen/Core>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <string_view>
 
 #include "binary_stream.h"
 #include "colmap_common.h"
@@ -36,16 +40,41 @@ int ImageSize(BinaryReader& reader, CameraId id, const std::string& source) {
   return static_cast<int>(size);
 }
 
-Camera ReadCamera(BinaryReader& reader, const std::string& source) {
+/// A camera model that can be passed over.
+struct OtherModel {
+  int id;
+  std::string_view name;
+  int num_params;
+};
+constexpr std::array<OtherModel, 2> kOtherModels = {
+    {{10, "THIN_PRISM_FISHEYE", 12}, {11, "RAD_TAN_THIN_PRISM_FISHEYE", 16}}};
+
+/// Passes over the rest of a camera that no image is of; throws InputError if it cannot be.
+void SkipCamera(BinaryReader& reader, CameraId id, int model_id, const std::string& source,
+                const Reconstruction& model) {
+  const auto other = std::find_if(kOtherModels.begin(), kOtherModels.end(),
+                                  [&](const OtherModel& m) { return m.id == model_id; });
+  if (other == kOtherModels.end() || !internal::CanSkipCamera(model, id, other->name, source)) {
+    ThrowInputError("{}: camera {} has the unsupported camera model id {} (supported: {})", source,
+                    id.value(), model_id, SupportedCameraModels());
+  }
+  ImageSize(reader, id, source);
+  ImageSize(reader, id, source);
+  for (int i = 0; i < other->num_params; ++i) FiniteReal(reader, "camera", id.value(), source);
+}
+
+/// Empty for a camera that is left out.
+std::optional<Camera> ReadCamera(BinaryReader& reader, const std::string& source,
+                                 const Reconstruction& model) {
   Camera camera;
   camera.id = CameraId(reader.Value<uint32_t>());
   const int model_id = reader.Value<int32_t>();
-  const auto model = CameraModelFromId(model_id);
-  if (!model) {
-    ThrowInputError("{}: camera {} has the unsupported camera model id {}", source,
-                    camera.id.value(), model_id);
+  const auto camera_model = CameraModelFromId(model_id);
+  if (!camera_model) {
+    SkipCamera(reader, camera.id, model_id, source, model);
+    return std::nullopt;
   }
-  camera.model = *model;
+  camera.model = *camera_model;
   camera.width = ImageSize(reader, camera.id, source);
   camera.height = ImageSize(reader, camera.id, source);
   camera.params.resize(static_cast<size_t>(CameraModelNumParams(camera.model)));
@@ -111,9 +140,10 @@ void ReadCamerasBinary(std::istream& stream, const std::string& source, Reconstr
   BinaryReader reader(stream, source);
   const uint64_t count = reader.Count(kMinCameraSize, "cameras");
   for (uint64_t i = 0; i < count; ++i) {
-    Camera camera = ReadCamera(reader, source);
-    const CameraId id = camera.id;
-    internal::InsertUnique(model.cameras, id, std::move(camera), "camera", source);
+    auto camera = ReadCamera(reader, source, model);
+    if (!camera) continue;
+    const CameraId id = camera->id;
+    internal::InsertUnique(model.cameras, id, std::move(*camera), "camera", source);
   }
   reader.ExpectEnd();
 }

@@ -16,12 +16,17 @@ using internal::LineParser;
 using internal::LineReader;
 using internal::PromisedCount;
 
-Camera ParseCamera(LineParser parser) {
+/// Empty for a camera that is left out.
+std::optional<Camera> ParseCamera(LineParser parser, const std::string& source,
+                                  const Reconstruction& known) {
   Camera camera;
   camera.id = CameraId(parser.Integer<uint32_t>("camera id"));
   const std::string_view name = parser.Word("camera model");
   const auto model = CameraModelFromName(name);
-  if (!model) parser.Fail("unsupported camera model '{}'", name);
+  if (!model && internal::CanSkipCamera(known, camera.id, name, source)) return std::nullopt;
+  if (!model) {
+    parser.Fail("unsupported camera model '{}' (supported: {})", name, SupportedCameraModels());
+  }
   camera.model = *model;
   camera.width = parser.Integer<int>("width");
   camera.height = parser.Integer<int>("height");
@@ -120,9 +125,10 @@ void ReadCamerasText(std::istream& stream, const std::string& source, Reconstruc
   PromisedCount promised;
   size_t count = 0;
   for (; reader.NextData(promised); ++count) {
-    Camera camera = ParseCamera(reader.Parser());
-    const CameraId id = camera.id;
-    internal::InsertUnique(model.cameras, id, std::move(camera), "camera", source);
+    auto camera = ParseCamera(reader.Parser(), source, model);
+    if (!camera) continue;
+    const CameraId id = camera->id;
+    internal::InsertUnique(model.cameras, id, std::move(*camera), "camera", source);
   }
   promised.Check(count, reader, "cameras", source);
 }

@@ -1,5 +1,6 @@
 #include "s3lam/io/colmap_model.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -8,6 +9,7 @@
 #include <sstream>
 
 #include "s3lam/base/error.h"
+#include "support/captured_log.h"
 #include "support/temp_dir.h"
 #include "support/test_scene.h"
 
@@ -206,6 +208,55 @@ TEST(ColmapModelBinary, UnsupportedCameraModelIsNamed) {
   const std::string bytes = Bytes(uint64_t{1}) + Bytes(uint32_t{5}) + Bytes(int32_t{10}) +
                             Bytes(uint64_t{640}) + Bytes(uint64_t{480}) + std::string(64, '\0');
   ExpectError(ReadCamerasBinary, bytes, "unsupported camera model id 10");
+  ExpectError(ReadCamerasBinary, bytes, "SIMPLE_RADIAL_FISHEYE");  // As one that is supported.
+}
+
+/// Adds a camera of a model that is not supported to the files of a model, in both forms.
+void AddOtherCamera(const TempDir& dir, uint32_t id) {
+  std::string bytes = FileBytes(dir / "binary/cameras.bin");
+  bytes.replace(0, 8, Bytes(uint64_t{2}));
+  bytes += Bytes(id) + Bytes(int32_t{10}) + Bytes(uint64_t{640}) + Bytes(uint64_t{480}) +
+           std::string(12 * sizeof(double), '\0');
+  dir.Write("binary/cameras.bin", bytes);
+  std::string text = FileBytes(dir / "text/cameras.txt");
+  const std::string count = "cameras: 1";
+  text.replace(text.find(count), count.size(), "cameras: 2");
+  text += fmt::format("{} THIN_PRISM_FISHEYE 640 480 1 1 2 2 0 0 0 0 0 0 0 0\n", id);
+  dir.Write("text/cameras.txt", text);
+}
+
+TEST(ColmapModel, CamerasOfOtherModelsMayBeThereUnused) {
+  const Reconstruction scene = MakeTestScene();
+  const TempDir dir;
+  for (const Format& format : kFormats) {
+    std::filesystem::create_directories(dir / format.name);
+    format.write_file(scene, dir / format.name);
+  }
+  const uint32_t used = scene.cameras.begin()->first.value();
+  AddOtherCamera(dir, used + 1);
+  for (const Format& format : kFormats) {
+    const testing::CapturedLog log;
+    EXPECT_TRUE(Identical(ReadColmapModel(dir / format.name), scene)) << format.name;
+    EXPECT_THAT(log.text(), HasSubstr(fmt::format("camera {} is left out", used + 1)));
+    EXPECT_THAT(log.text(), HasSubstr("THIN_PRISM_FISHEYE"));
+  }
+}
+
+TEST(ColmapModel, CamerasOfOtherModelsAreRefusedIfUsed) {
+  Reconstruction scene = MakeTestScene();
+  const uint32_t used = scene.cameras.begin()->first.value();
+  scene.images.begin()->second.camera_id = CameraId(used + 1);
+  const TempDir dir;
+  for (const Format& format : kFormats) {
+    std::filesystem::create_directories(dir / format.name);
+    format.write_file(scene, dir / format.name);
+  }
+  AddOtherCamera(dir, used + 1);
+  for (const Format& format : kFormats) {
+    EXPECT_THAT([&] { ReadColmapModel(dir / format.name); },
+                ThrowsMessage<InputError>(
+                    AllOf(HasSubstr("unsupported camera model"), HasSubstr("RADIAL_FISHEYE"))));
+  }
 }
 
 TEST(ColmapModelBinary, LayoutIsColmaps) {

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <iosfwd>
+#include <optional>
 
 #include "s3lam/scene/reconstruction.h"
 
@@ -16,7 +16,8 @@ bool IsColmapModel(const std::filesystem::path& directory);
 
 /// Reads the binary files if all three are there, else the text files (COLMAP's own rule). Throws
 /// InputError naming the file and the reason: missing, cut short, counts that do not fit the file's
-/// size, unsupported camera model, values that are not finite, references that do not hold.
+/// size, unsupported camera model, values that are not finite, references that do not hold. A
+/// camera of such a model that no image is of is left out with a warning.
 Reconstruction ReadColmapModel(const std::filesystem::path& directory);
 
 /// Writes cameras.bin, images.bin, points3D.bin into an existing folder.
@@ -33,7 +34,8 @@ void WriteColmapProject(const std::filesystem::path& image_directory,
 /// none, from the file's folder; empty without the file or the name.
 std::optional<std::filesystem::path> ReadColmapProject(const std::filesystem::path& path);
 
-/// Stream forms. `source` is the file's name for messages; readers do not check references.
+/// Stream forms. `source` is the file's name for messages; readers do not check references. Those
+/// of cameras leave out what ReadColmapModel does only if `model` has its images already.
 void ReadCamerasBinary(std::istream& stream, const std::string& source, Reconstruction& model);
 void ReadImagesBinary(std::istream& stream, const std::string& source, Reconstruction& model);
 void ReadPointsBinary(std::istream& stream, const std::string& source, Reconstruction& model);
