@@ -87,7 +87,7 @@ TEST_F(LiftFeatures, OverlaysMissAnImageBeforeAnythingIsComputed) {
   WriteImages();
   const std::string name = ReadColmapModel(model()).images.begin()->second.name;
   std::filesystem::remove(images() / name);
-  for (const std::string& mask : mask_names_) Truncate(masks() / mask, 0.5);  // Never read.
+  Truncate(masks() / mask_names_[1], 0.5);  // Never read.
   ExpectRefused(Lift({"--overlays", "all", "--images", images().string()}), kBadInput,
                 {(images() / name).string(), "--images"});
   EXPECT_FALSE(std::filesystem::exists(output()));
