@@ -298,7 +298,6 @@ Result Run(const Options& given, const Input& input) {
   if (input.names.size() < 4)
     ThrowInputError("a sequence of {} images is too short: a map needs at least 4",
                     input.names.size());
-  WarnOfSmallImages(input.camera);
   RunState state{{}, Undistorter(input.camera), {}, {}, {}, {}, {}};
   StepTimes& seconds = state.report.seconds;
   {
@@ -371,6 +370,7 @@ Result Run(const Options& given, const Input& input) {
                                 state.frames.size()));
     }
   }
+  WarnOfSmallImages(input.camera);
   const ScopedStep step(seconds, "export");
   return MakeResult(input, localized, contradictions, state);
 }
