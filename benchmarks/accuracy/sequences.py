@@ -11,6 +11,8 @@ import presets
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CLASSES = ROOT / "configs" / "classes"
+CAMERAS = {"redkitchen": "seven_scenes_colour.json", "kitti07": "kitti_04-12.json",
+           "mh05": "euroc_cam0.json"}
 
 
 @dataclasses.dataclass
@@ -28,6 +30,21 @@ class Sequence:
     road: bool = False                  # The camera is at one height above it.
     known_planes: pathlib.Path | None = None  # objects.json, and its frame.
     frame: str = "gt"
+
+
+def preset_camera(name):
+    """The known camera of a real sequence, as in a camera.json."""
+    return json.loads((ROOT / "configs" / "cameras" / CAMERAS[name]).read_text())
+
+
+def right_camera(sequence):
+    """What the sequence brings, or the preset that says the same."""
+    own = sequence.folder / "camera.json"
+    return json.loads(own.read_text()) if own.exists() else preset_camera(sequence.name)
+
+
+def num_focals(camera):
+    return 1 if camera["model"] in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL") else 2
 
 
 def class_names(table):

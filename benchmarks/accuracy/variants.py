@@ -11,7 +11,6 @@ Needs numpy and Pillow.
 """
 
 import io
-import json
 import multiprocessing
 import pathlib
 import sys
@@ -24,8 +23,6 @@ import sequences
 import stages
 import tables
 
-CAMERAS = {"redkitchen": "seven_scenes_colour.json", "kitti07": "kitti_04-12.json",
-           "mh05": "euroc_cam0.json"}
 NO_REMAPPING = ["remapping.max_attempts=0"]
 IMAGE_SUFFIXES = {".jpg", ".png"}
 
@@ -94,9 +91,9 @@ VARIANTS = {
 
 def camera_of(name, variant, size, new_size):
     """The camera of the changed images; only pinhole models, whose first numbers are in pixels."""
-    camera = json.loads((sequences.ROOT / "configs" / "cameras" / CAMERAS[name]).read_text())
+    camera = sequences.preset_camera(name)
     _, smaller, cut = VARIANTS[variant]
-    focals = 1 if camera["model"].startswith("SIMPLE") else 2
+    focals = sequences.num_focals(camera)
     parameters = camera["params"]
     for axis in (0, 1):
         if cut:
