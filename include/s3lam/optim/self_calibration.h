@@ -35,7 +35,7 @@ struct CalibrationProblem {
 
 /// Part of the reprojection cost that another calibration must remove for the given one to be in
 /// doubt. Where cameras are calibrated it is up to 2 %; with a principal point off by 1.5 % of the
-/// image's width 4 to 37 %, with focal lengths off by 3 % from 2 (on a drive, which leaves them to
+/// image's width 4 to 37 %, with focal lengths off by 3 % from 1 (on a drive, which leaves them to
 /// the scene's depth) to 36 %; see benchmarks/accuracy/wrong_cameras.py.
 constexpr double kDoubtfulCostShare = 0.04;
 
