@@ -133,8 +133,8 @@ void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
   if (std::any_of(reports.begin(), reports.end(), [](const auto& r) { return r.refined; })) return;
   spdlog::warn(
       "no camera is refined: none asked for has {} images (intrinsics.min_images) and {} "
-      "observations "
-      "(intrinsics.min_observations) in use; intrinsics.shared lets cameras that are alike be one",
+      "observations (intrinsics.min_observations) in use; intrinsics.shared lets cameras that are "
+      "alike be one",
       options.min_images, options.min_observations);
 }
 
@@ -269,8 +269,7 @@ std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& be
     if (!(std::abs(is / was - 1.0) <= options.max_focal_change)) {
       return fmt::format(
           "its focal length would become {:.6g} px instead of {:.6g} px "
-          "(intrinsics.max_focal_change "
-          "can be raised)",
+          "(intrinsics.max_focal_change can be raised)",
           is, was);
     }
   }

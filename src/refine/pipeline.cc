@@ -152,12 +152,19 @@ HeldCameras DoubtfulCameras(const IntrinsicsOptions& options, const std::vector<
   return doubtful;
 }
 
+HeldCameras AllCameras(const BundleMap& map, const std::string& reason) {
+  HeldCameras all;
+  for (const auto& ids : map.camera_ids) {
+    for (const CameraId id : ids) all[id] = reason;
+  }
+  return all;
+}
+
 void WarnOfHeld(const HeldCameras& held) {
-  if (held.empty()) return;
   std::vector<uint32_t> ids;
   for (const auto& [id, doubts] : held) ids.push_back(id.value());
-  spdlog::warn("kept as given, while the others are refined anew: camera {}; of camera {}: {}",
-               fmt::join(ids, ", "), ids.front(), held.begin()->second);
+  spdlog::warn("adjusted anew with camera {} kept as given; of camera {}: {}", fmt::join(ids, ", "),
+               ids.front(), held.begin()->second);
 }
 
 void TellParameters(const BundleMap& map, Report& report) {
@@ -172,9 +179,9 @@ void TellParameters(const BundleMap& map, Report& report) {
 }
 
 /// Bundle adjustment without planes, with the camera parameters that may change; again from the
-/// start with those cameras held that end where they cannot be believed, until there are none. From
-/// here on cameras stay. Returns the parameters that were refined, per camera of the problem;
-/// empty: none.
+/// start with those cameras held that end where they cannot be believed, until there are none;
+/// after some rounds of that, with all. From here on cameras stay. Returns the parameters that were
+/// refined, per camera of the problem; empty: none.
 std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Report& report) {
   if (!options.intrinsics.Any()) {
     report.iterations = AdjustPlain(options, map);
@@ -183,17 +190,19 @@ std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Re
     }
     return {};
   }
+  constexpr int kMostRounds = 5;
   const BundleMap given = map;
   HeldCameras held;
-  for (bool again = true; again;) {
+  for (int round = 1;; ++round) {
     map = given;
     report.cameras = FreeIntrinsics(options.intrinsics, held, map);
     const std::vector<Camera> before = map.problem.cameras;
     report.iterations = AdjustPlain(options, map);
-    const HeldCameras doubtful = DoubtfulCameras(options.intrinsics, before, map);
+    HeldCameras doubtful = DoubtfulCameras(options.intrinsics, before, map);
+    if (doubtful.empty()) break;
+    if (round == kMostRounds) doubtful = AllCameras(map, "too many others cannot be believed");
     WarnOfHeld(doubtful);
     held.insert(doubtful.begin(), doubtful.end());
-    again = !doubtful.empty();
   }
   TellParameters(map, report);
   return std::exchange(map.problem.free_camera_params, {});

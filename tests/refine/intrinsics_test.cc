@@ -235,6 +235,15 @@ TEST(RefineIntrinsics, OneImageIsEnoughOnRequestAndManyCamerasAreCounted) {
   }
 }
 
+/// Whose keypoints tell also what is a little wrong with its camera.
+SyntheticMap MakePreciseMap(const std::string& scene) {
+  SyntheticMapOptions options;
+  options.num_images = 16;
+  options.num_points = 1500;
+  options.pixel_sigma = 0.2;
+  return MakeSyntheticMap(scene, 3, options);
+}
+
 /// Images with a little distortion that the model, a pinhole camera, does not know of.
 Input WithUnknownDistortion(const SyntheticMap& map) {
   Input input = MakeInput(map);
@@ -261,11 +270,7 @@ Input WithUnknownDistortion(const SyntheticMap& map) {
 }
 
 TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
-  SyntheticMapOptions options;
-  options.num_images = 16;
-  options.num_points = 1500;
-  options.pixel_sigma = 0.2;
-  const SyntheticMap map = MakeSyntheticMap("street", 3, options);
+  const SyntheticMap map = MakePreciseMap("street");
   ASSERT_EQ(map.estimate.cameras.begin()->second.model, CameraModel::kPinhole);
   const Input input = WithUnknownDistortion(map);
   Output kept;
@@ -292,11 +297,7 @@ TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
 }
 
 TEST(RefineIntrinsics, AWrongPrincipalPointIsToldAndRefinedIfWanted) {
-  SyntheticMapOptions options;
-  options.num_images = 16;
-  options.num_points = 1500;
-  options.pixel_sigma = 0.2;
-  const SyntheticMap map = MakeSyntheticMap("desk", 3, options);
+  const SyntheticMap map = MakePreciseMap("desk");
   Input input = MakeInput(map);
   Camera& camera = input.model.cameras.begin()->second;
   const double right = camera.PrincipalX();

@@ -67,10 +67,9 @@ std::vector<IntrinsicsReport> CheckCameras(const IntrinsicsOptions& options, dou
                                            const BundleMap& map);
 
 /// Why the refined parameters of a camera cannot be believed, so that it is to be held; empty if
-/// they can: the focal length
-/// changed by at most max_focal_change, the principal point moved by at most max_principal_shift of
-/// the image's larger side, and the distortion can be inverted all along the image's border if it
-/// could before.
+/// they can: the focal length changed by at most max_focal_change, the principal point moved by at
+/// most max_principal_shift of the image's larger side, and the distortion can be inverted all
+/// along the image's border if it could before.
 std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& before,
                               const Camera& after);
 
