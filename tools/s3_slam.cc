@@ -170,6 +170,10 @@ std::string Table(const slam::Report& report, const std::string& output) {
         fmt::format("focal length        {:.1f} px refined from a guess of {:.0f}, sigma {:.2f}\n",
                     report.focal->refined, report.focal->guess, report.focal->Sigma());
   }
+  if (!report.better_pinhole.empty()) {
+    table += fmt::format("calibration         in doubt: {}\n",
+                         DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
+  }
   for (size_t m = 1; m < report.maps.size(); ++m) {
     const slam::MapReport& map = report.maps[m];
     table += fmt::format("map apart           {}/{}: {} frames of {} to {}, {} keyframes\n", output,

@@ -307,7 +307,7 @@ CalibrationProblem PartOf(const CalibrationProblem& problem, int begin, int end)
 
 void SelfCalibrationOptions::Visit(OptionVisitor& v) {
   v.Value("enabled", enabled,
-          "check whether the lens distortion explains the images, and refine it");
+          "check whether the calibration explains the images, and refine the lens distortion");
   v.Value("min_cost_decrease", min_cost_decrease,
           "share of the reprojection cost that a refined distortion must remove to be accepted",
           0.0, 1.0);
