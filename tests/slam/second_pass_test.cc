@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
@@ -49,6 +50,26 @@ TEST_F(KeyframeFeaturesTest, KeepsTheKeypointsThatAreThereAndAddsOthersBesideThe
       EXPECT_GT((before.keypoint(j).pixel - keypoint.pixel).norm(), 0.9F * keypoint.sigma);
     }
   }
+}
+
+/// Where images are frames of a video, going back means decoding it from its beginning.
+TEST_F(KeyframeFeaturesTest, ImagesAreReadInTheOrderOfTime) {
+  frames_.resize(4, frames_[0]);
+  Map map(frames_, features_);
+  for (const int frame : {2, 3, 1, 0}) map.AddKeyframe(frame, {});
+  std::vector<size_t> read;
+  images_.read_gray = [&](size_t frame) {
+    read.push_back(frame);
+    return image_;
+  };
+  SecondPassOptions options;
+  options.keyframe_features = 900;
+  AddKeyframeFeatures(options, features_, undistorter_, images_, 1, map);
+  EXPECT_EQ(read, (std::vector<size_t>{0, 1, 2, 3}));
+  read.clear();
+  const PatchPass pass(options, features_, undistorter_, images_, 1, map);
+  EXPECT_TRUE(std::is_sorted(read.begin() + 1, read.end()));  // The first tells the size.
+  EXPECT_EQ(read.size(), 5u);
 }
 
 TEST_F(KeyframeFeaturesTest, AddsNothingWhereTheMaskForbids) {
@@ -180,7 +201,8 @@ class AlignedSigmasTest : public ::testing::Test {
       map.AddKeyframe(k, pose);
     }
     for (int i = 0; i < 800; ++i) {
-      const Eigen::Vector3d x(rng.Uniform(-0.5, 0.5), rng.Uniform(-1.0, 1.0), rng.Uniform(4.0, 6.0));
+      const Eigen::Vector3d x(rng.Uniform(-0.5, 0.5), rng.Uniform(-1.0, 1.0),
+                              rng.Uniform(4.0, 6.0));
       const int point = map.AddPoint(x, /*first_keyframe=*/0);
       for (int k = 0; k < kKeyframes; ++k) {
         Keypoint keypoint;
