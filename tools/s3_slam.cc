@@ -61,25 +61,41 @@ std::string CameraArgument(const po::variables_map& arguments) {
 struct Opened {
   ImageSequence sequence;
   std::optional<CameraGuess> guess;
+  std::vector<std::string> left_out;  // Images, and why.
 };
 
-Opened Open(const po::variables_map& arguments) {
+/// Of --lenient.
+std::vector<std::string> LeaveOutAndWarn(int num_threads, ImageSequence& sequence) {
+  const size_t num_frames = sequence.frames.size();
+  std::vector<std::string> left_out = LeaveOutUnusable(num_threads, sequence);
+  if (!left_out.empty()) {
+    spdlog::warn("{} of {} images cannot be used and are left out; the first is {}",
+                 left_out.size(), num_frames, left_out.front());
+  }
+  return left_out;
+}
+
+Opened Open(const po::variables_map& arguments, int num_threads) {
   const std::string path = Required(arguments, "sequence");
   const FrameRange range = arguments.count("frames") > 0
                                ? ParseFrameRange(arguments["frames"].as<std::string>())
                                : FrameRange{};
+  const bool is_lenient = arguments["lenient"].as<bool>();
   Opened opened;
   ImageSequence& sequence = opened.sequence;
   const std::string camera = CameraArgument(arguments);
   sequence = OpenSequence(path, ParseFormat(arguments["format"].as<std::string>()), range,
-                          camera.empty() ? OwnCamera::kRead : OwnCamera::kIgnored);
+                          camera.empty() ? OwnCamera::kRead : OwnCamera::kIgnored,
+                          is_lenient ? MissingImages::kKept : MissingImages::kRefused);
+  if (!camera.empty() && camera != kCameraAuto) {
+    sequence.camera = ReadCameraJson(FindConfigFile(camera, "cameras")).camera;
+  }
+  if (is_lenient) opened.left_out = LeaveOutAndWarn(num_threads, sequence);
   if (camera == kCameraAuto) {
     opened.guess = GuessCamera(sequence);
     sequence.camera = opened.guess->camera;
     spdlog::info("focal length guessed by {}: {:.0f} px, to within {:.0f} %", opened.guess->source,
                  opened.guess->camera.FocalX(), 100.0 * opened.guess->relative_sigma);
-  } else if (!camera.empty()) {
-    sequence.camera = ReadCameraJson(FindConfigFile(camera, "cameras")).camera;
   }
   if (!sequence.camera) {
     ThrowInputError(
@@ -156,10 +172,11 @@ void Write(const slam::Result& result, const slam::Options& options, const nlohm
   WriteJson(directory / "config.json", OptionsToJson(options));
 }
 
-std::string Table(const slam::Report& report, const std::string& output) {
+std::string Table(const slam::Report& report, size_t num_left_out, const std::string& output) {
   const slam::MapReport& main = report.maps.front();
   std::string table;
   table += fmt::format("frames localised    {} of {}\n", main.num_frames, report.num_frames);
+  if (num_left_out > 0) table += fmt::format("images left out     {}\n", num_left_out);
   table += fmt::format("keyframes           {}\n", main.num_keyframes);
   table += fmt::format("points              {}\n", main.num_points);
   table += fmt::format("mean track length   {:.2f}\n", main.mean_track_length);
@@ -248,7 +265,7 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   auto options = LoadOptions<slam::Options>(common);
   options.num_threads = common.threads;
   options.seed = common.seed;
-  const Opened opened = Open(arguments);
+  const Opened opened = Open(arguments, common.threads);
   const ImageSequence& sequence = opened.sequence;
   const std::filesystem::path ignore_masks = CheckIgnoreMasks(arguments, sequence);
   OutputDirectory directory(output, common.overwrite);
@@ -266,12 +283,13 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   nlohmann::json report = ToJson(result.report);
   provenance.AddTo(report);
   if (opened.guess) report["focal_length"]["source"] = opened.guess->source;
+  report["images_left_out"] = opened.left_out;
   report["peak_memory_mib"] = PeakMemoryMiB();
   Write(result, options, report, sequence, arguments["database"].as<bool>(), directory.path());
   directory.Commit();
   if (checkpoint) checkpoint->Remove();
   for (const char* long_one : {"per_frame", "config"}) report.erase(long_one);
-  PrintReport(common, Table(result.report, output), report);
+  PrintReport(common, Table(result.report, opened.left_out.size(), output), report);
 }
 
 }  // namespace
@@ -290,6 +308,9 @@ int main(int argc, char** argv) {
   add("camera", po::value<std::string>()->value_name("FILE"),
       "camera.json, a name such as tum_fr1, or auto: not known");
   add("frames", po::value<std::string>()->value_name("A:B:STEP"), "use only these frames");
+  add("lenient", po::bool_switch(),
+      "leave out and count images that cannot be read or are of another size than the camera's; "
+      "decodes all of them once more");
   add("ignore-masks", po::value<std::string>()->value_name("DIR"),
       "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift");
   add("database", po::bool_switch(),

@@ -7,6 +7,7 @@
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
+#include "s3lam/base/parallel.h"
 #include "s3lam/io/image_file.h"
 #include "s3lam/io/image_sequence.h"
 #include "video_capture.h"
@@ -132,5 +133,38 @@ cv::Mat FrameReader::ReadGray(size_t frame_index) const {
 }
 
 bool FrameReader::IsThreadSafe() const { return impl_->video == nullptr; }
+
+std::vector<std::string> LeaveOutUnusable(int num_threads, ImageSequence& sequence) {
+  const FrameReader reader(sequence);
+  std::vector<cv::Size> sizes(sequence.frames.size());
+  std::vector<std::string> faults(sequence.frames.size());
+  ParallelFor(sizes.size(), reader.IsThreadSafe() ? num_threads : 1, [&](size_t i) {
+    try {
+      sizes[i] = reader.ReadGray(i).size();
+    } catch (const InputError& error) {
+      faults[i] = error.what();
+    }
+  });
+  const auto first = std::find_if(faults.begin(), faults.end(),
+                                  [](const std::string& fault) { return fault.empty(); });
+  if (first == faults.end()) throw InputError(faults.front());
+  const cv::Size expected = sizes[static_cast<size_t>(first - faults.begin())];
+  std::vector<SequenceFrame> usable;
+  std::vector<std::string> found;
+  for (size_t i = 0; i < faults.size(); ++i) {
+    const SequenceFrame& frame = sequence.frames[i];
+    if (faults[i].empty() && sizes[i] != expected) {
+      faults[i] = fmt::format("{}: image of {} x {} px, but others are of {} x {}", frame.name,
+                              sizes[i].width, sizes[i].height, expected.width, expected.height);
+    }
+    if (faults[i].empty()) {
+      usable.push_back(frame);
+    } else {
+      found.push_back(std::move(faults[i]));
+    }
+  }
+  sequence.frames = std::move(usable);
+  return found;
+}
 
 }  // namespace s3lam

@@ -129,7 +129,7 @@ int ParseField(std::string_view field, int min, const std::string& text) {
 }
 
 ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const FrameRange& range,
-                          const VideoLister& list_video, OwnCamera camera) {
+                          const VideoLister& list_video, OwnCamera camera, MissingImages missing) {
   const std::string source = path.string();
   if (!fs::exists(path)) ThrowInputError("{}: no such file or directory", source);
   if (format == SequenceFormat::kAuto) format = DetectFormat(path);
@@ -150,7 +150,7 @@ ImageSequence OpenChecked(const fs::path& path, SequenceFormat format, const Fra
   }
   SelectFrames(range, source, sequence);
   CheckTimes(source, sequence);
-  CheckFilesExist(sequence);
+  if (missing == MissingImages::kRefused) CheckFilesExist(sequence);
   return sequence;
 }
 
@@ -186,10 +186,10 @@ std::string NameOfVideoFrame(const fs::path& video, int index) {
 }
 
 ImageSequence OpenSequence(const fs::path& path, SequenceFormat format, const FrameRange& range,
-                           const VideoLister& list_video, OwnCamera camera) {
+                           const VideoLister& list_video, OwnCamera camera, MissingImages missing) {
   S3LAM_CHECK(range.first >= 0 && range.step > 0);
   try {
-    return OpenChecked(path, format, range, list_video, camera);
+    return OpenChecked(path, format, range, list_video, camera, missing);
   } catch (const fs::filesystem_error& error) {  // Folders that may not be looked into.
     ThrowInputError("{}: {}", error.path1().string(), error.code().message());
   }

@@ -49,8 +49,8 @@ ImageSequence OpenVideo(const std::filesystem::path& path) {
 }  // namespace
 
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
-                           const FrameRange& range, OwnCamera camera) {
-  return OpenSequence(path, format, range, OpenVideo, camera);
+                           const FrameRange& range, OwnCamera camera, MissingImages missing) {
+  return OpenSequence(path, format, range, OpenVideo, camera, missing);
 }
 
 }  // namespace s3lam

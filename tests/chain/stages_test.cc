@@ -264,6 +264,30 @@ std::pair<size_t, size_t> CountWithin(const Reconstruction& model, const cv::Rec
   return {within, all};
 }
 
+TEST(Chain, ImagesThatCannotBeUsedAreLeftOutOnRequest) {
+  const ImageSequence sequence = OpenSequence(ChainFolder("scene"), SequenceFormat::kAuto);
+  const TempDir dir;
+  WriteCameraJson({*sequence.camera, 30.0}, dir.Write("scene/camera.json", ""));
+  for (size_t i = 0; i < 60; ++i) {
+    std::string bytes = FileBytes(sequence.frames[i].path);
+    if (i == 0 || i == 31) bytes.resize(bytes.size() / 2);
+    dir.Write(fmt::format("scene/{:02}.png", i), bytes);
+  }
+  std::vector<std::string> arguments = {Tool("s3-slam"), "--quiet",
+                                        "--set",         "accuracy=fast",
+                                        "--sequence",    (dir / "scene").string(),
+                                        "--output",      (dir / "map").string()};
+  const auto refused = RunProgramApart(arguments);
+  EXPECT_EQ(refused.exit_code, 3);
+  EXPECT_NE(refused.errors.find("00.png"), std::string::npos) << refused.errors;
+  EXPECT_FALSE(std::filesystem::exists(dir / "map"));
+  arguments.emplace_back("--lenient");
+  const auto result = RunProgramApart(arguments);
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_EQ(ReadTumTrajectory(dir / "map" / "frames.txt").size(), 58u);
+  EXPECT_EQ(ReadJson(dir / "map" / "report.json")["images_left_out"].size(), 2u);
+}
+
 TEST(Chain, IgnoreMasksKeepFeaturesOffWhatTheyMask) {
   const ImageSequence sequence = OpenSequence(ChainFolder("scene"), SequenceFormat::kAuto);
   const cv::Size size = ReadImageSize(sequence.frames.front().path);

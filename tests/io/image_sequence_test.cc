@@ -376,6 +376,39 @@ TEST(FrameReader, BitsThatASensorDoesNotHaveAreNotMissed) {
   }
 }
 
+TEST(LeaveOutUnusable, NamesWhatIsWrongWithImagesThatAreLeftOut) {
+  const TempDir dir;
+  for (const char* good : {"1.png", "3.png", "5.png"}) dir.Write(good, EncodedImage(1));
+  dir.Write("0.png", EncodedImage(1).substr(0, 40));
+  std::vector<uchar> large;
+  cv::imencode(".png", cv::Mat(48, 64, CV_8UC1, cv::Scalar(7)), large);
+  dir.Write("4.png", std::string(large.begin(), large.end()));
+  dir.Write("rgb.txt", "0 0.png\n1 1.png\n2 2.png\n3 3.png\n4 4.png\n5 5.png\n");
+  ExpectError(dir.path(), SequenceFormat::kTum, "2.png: no such image");
+  const auto open = [&] {
+    return OpenSequence(dir.path(), SequenceFormat::kTum, {}, OwnCamera::kRead,
+                        MissingImages::kKept);
+  };
+  for (const bool has_camera : {false, true}) {
+    if (has_camera) dir.Write("camera.json", kCameraJson);
+    ImageSequence sequence = open();
+    EXPECT_THAT(LeaveOutUnusable(2, sequence),
+                ElementsAre(HasSubstr("0.png"), HasSubstr("2.png"),
+                            AllOf(HasSubstr("4.png"), HasSubstr("64 x 48"))));
+    EXPECT_THAT(Names(sequence), ElementsAre("1.png", "3.png", "5.png"));
+    EXPECT_EQ(sequence.frames[1].index, 3);
+    EXPECT_THAT(LeaveOutUnusable(2, sequence), ElementsAre());
+  }
+}
+
+TEST(LeaveOutUnusable, WhereNoImageIsLeftTheFirstSaysWhy) {
+  const TempDir dir;
+  for (const char* bad : {"0.png", "1.png"}) dir.Write(bad, EncodedImage(1).substr(0, 40));
+  ImageSequence sequence = OpenSequence(dir.path(), SequenceFormat::kFolder);
+  EXPECT_THAT([&] { LeaveOutUnusable(2, sequence); },
+              ThrowsMessage<InputError>(HasSubstr("0.png")));
+}
+
 TEST(FrameReader, AnImageOfAnotherSizeThanTheCameraIsRefused) {
   const TempDir dir;
   dir.Write("0.png", EncodedImage(1));

@@ -45,18 +45,24 @@ struct ImageSequence {
 /// Whether the camera that a sequence brings is read, or another one will be given.
 enum class OwnCamera { kRead, kIgnored };
 
+/// What becomes of listed images that do not exist: an error, or frames for LeaveOutUnusable.
+enum class MissingImages { kRefused, kKept };
+
 /// Lists a sequence:
 ///   tum        rgb.txt ("timestamp path") and the files it names
 ///   kitti      image_0 (or image_2 ...), times.txt, calib.txt (P0; principal point + 0.5)
 ///   kitti-raw  image_00/data, image_00/timestamps.txt, calib_cam_to_cam.txt beside or above
 ///   euroc      mav0/cam0/data.csv, data, sensor.yaml (principal point + 0.5)
-///   folder     images in natural order, sub-folders included; times from camera.json's fps or 30
-///   Hz video      any file OpenCV opens
+///   folder     images in natural order, sub-folders included; times from camera.json's fps, else
+///              30 Hz
+///   video      any file OpenCV opens
 /// kAuto takes the first of these that fits. A camera.json in the folder (or beside the images)
 /// wins over what the format brings. Throws InputError naming what is missing or malformed: a
-/// listed image that does not exist, an empty range, times that do not increase within the range.
+/// listed image that does not exist (unless kept), an empty range, times that do not increase
+/// within the range.
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
-                           const FrameRange& range = {}, OwnCamera camera = OwnCamera::kRead);
+                           const FrameRange& range = {}, OwnCamera camera = OwnCamera::kRead,
+                           MissingImages missing = MissingImages::kRefused);
 
 /// The same, but what frames a video has is for the caller to say; their numbers and times
 /// included. A program that calls only this one does not load what decodes videos, which takes most
@@ -64,7 +70,8 @@ ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat for
 using VideoLister = std::function<ImageSequence(const std::filesystem::path&)>;
 ImageSequence OpenSequence(const std::filesystem::path& path, SequenceFormat format,
                            const FrameRange& range, const VideoLister& list_video,
-                           OwnCamera camera = OwnCamera::kRead);
+                           OwnCamera camera = OwnCamera::kRead,
+                           MissingImages missing = MissingImages::kRefused);
 
 /// Of a frame of a video, counted from 0.
 std::string NameOfVideoFrame(const std::filesystem::path& video, int index);
@@ -90,6 +97,11 @@ class FrameReader {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// Decodes every image and takes those out of the sequence that cannot be, or are not of the size
+/// of its camera (without one: of the first that can be decoded). Returns what is wrong with each,
+/// a line naming it. Throws the first of these as InputError if no image is left.
+std::vector<std::string> LeaveOutUnusable(int num_threads, ImageSequence& sequence);
 
 /// camera.json: {"model": "SIMPLE_RADIAL", "width": 640, "height": 480, "params": [...], "fps": 30}
 /// with COLMAP's names, order and pixel convention. Throws InputError naming the file and the key.
