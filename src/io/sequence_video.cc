@@ -3,6 +3,7 @@
 #include <opencv2/videoio.hpp>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/log.h"
 #include "sequence_formats.h"
 #include "video_capture.h"
 
@@ -19,6 +20,14 @@ void SilenceDecoders() {
   }
 }
 
+/// The container's count is an estimate where it is made from duration and frame rate.
+void WarnIfCutShort(const std::string& source, double announced, size_t decoded) {
+  constexpr double kEstimate = 0.95;
+  if (static_cast<double>(decoded) >= kEstimate * announced) return;
+  spdlog::warn("{}: the video announces {:.0f} frames, but only {} can be decoded: is it whole?",
+               source, announced, decoded);
+}
+
 ImageSequence OpenVideo(const std::filesystem::path& path) {
   SilenceDecoders();
   cv::VideoCapture capture;
@@ -28,7 +37,6 @@ ImageSequence OpenVideo(const std::filesystem::path& path) {
   ImageSequence sequence;
   sequence.format = SequenceFormat::kVideo;
   sequence.image_root = path;
-  // The container's frame count is an estimate: count what can be decoded.
   bool stamps_increase = true;
   double last_s = -1.0;
   for (int index = 0; capture.grab(); ++index) {
@@ -38,6 +46,7 @@ ImageSequence OpenVideo(const std::filesystem::path& path) {
     sequence.frames.push_back({time_s, NameOfVideoFrame(path, index), {}, index});
   }
   if (sequence.frames.empty()) ThrowInputError("{}: the video has no frames", path.string());
+  WarnIfCutShort(path.string(), capture.get(cv::CAP_PROP_FRAME_COUNT), sequence.frames.size());
   if (!stamps_increase) {
     const double fps = capture.get(cv::CAP_PROP_FPS);
     const double period_s = fps > 0.0 ? 1.0 / fps : internal::kDefaultPeriodS;

@@ -9,6 +9,7 @@
 #include <opencv2/videoio.hpp>
 
 #include "s3lam/base/error.h"
+#include "support/captured_log.h"
 #include "support/temp_dir.h"
 
 namespace s3lam {
@@ -303,14 +304,21 @@ TEST(ImageSequence, TimesMustIncreaseAmongTheFramesThatAreTaken) {
               ElementsAre(1.0, 2.0));
 }
 
+/// 25 Hz, gray values growing by `step`; false if this OpenCV cannot write it.
+bool WriteVideo(int num_frames, int step, const std::filesystem::path& path) {
+  cv::VideoWriter writer(path.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25.0,
+                         cv::Size(32, 24));
+  if (!writer.isOpened()) return false;
+  for (int i = 0; i < num_frames; ++i) {
+    writer.write(cv::Mat(24, 32, CV_8UC3, cv::Scalar::all(step * i)));
+  }
+  return true;
+}
+
 TEST(VideoSequence, FramesAreReadInAnyOrder) {
   const TempDir dir;
   const auto path = dir / "clip.avi";
-  cv::VideoWriter writer(path.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25.0,
-                         cv::Size(32, 24));
-  if (!writer.isOpened()) GTEST_SKIP() << "this OpenCV cannot write a video";
-  for (int i = 0; i < 12; ++i) writer.write(cv::Mat(24, 32, CV_8UC3, cv::Scalar::all(20 * i)));
-  writer.release();
+  if (!WriteVideo(12, 20, path)) GTEST_SKIP() << "this OpenCV cannot write a video";
   dir.Write("camera.json", kCameraJson);
   const ImageSequence sequence = OpenSequence(path, SequenceFormat::kAuto, {1, -1, 2});
   EXPECT_EQ(sequence.format, SequenceFormat::kVideo);
@@ -324,6 +332,19 @@ TEST(VideoSequence, FramesAreReadInAnyOrder) {
     EXPECT_NEAR(reader.Read(i).at<cv::Vec3b>(12, 16)[1], 20 * sequence.frames[i].index, 4) << i;
     EXPECT_EQ(reader.ReadGray(i).type(), CV_8UC1);
   }
+}
+
+TEST(VideoSequence, OneThatIsCutShortIsWarnedOf) {
+  const TempDir dir;
+  const auto path = dir / "clip.avi";
+  if (!WriteVideo(40, 6, path)) GTEST_SKIP() << "this OpenCV cannot write a video";
+  const testing::CapturedLog whole;
+  EXPECT_EQ(OpenSequence(path, SequenceFormat::kVideo).frames.size(), 40u);
+  EXPECT_EQ(whole.text(), "");
+  std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
+  const testing::CapturedLog cut;
+  EXPECT_LT(OpenSequence(path, SequenceFormat::kVideo).frames.size(), 30u);
+  EXPECT_THAT(cut.text(), HasSubstr("announces 40 frames"));
 }
 
 TEST(VideoSequence, WhatIsNoVideoIsRefused) {
