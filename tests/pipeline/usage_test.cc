@@ -37,6 +37,10 @@ TEST_P(AnyProgram, UnknownOption) {
   ExpectRefused(RunTool(GetParam(), {"--no-such-option"}), kWrongUsage, {"no-such-option"});
 }
 
+TEST_P(AnyProgram, WordOfNoOption) {
+  ExpectRefused(RunTool(GetParam(), {"clip.mp4"}), kWrongUsage, {"clip.mp4", "--help"});
+}
+
 TEST_P(AnyProgram, MissingArguments) {
   ExpectRefused(RunTool(GetParam(), {}), kWrongUsage, {"is required"});
 }

@@ -117,18 +117,24 @@ void CheckOutputHoldsNoInput(const po::variables_map& arguments) {
   }
 }
 
+/// Throws UsageError for a word that belongs to no option.
+po::variables_map ParseArguments(int argc, char** argv, const po::options_description& all) {
+  const auto style = po::command_line_style::unix_style & ~po::command_line_style::allow_guessing;
+  const auto parsed = po::command_line_parser(argc, argv).options(all).style(style).run();
+  for (const po::option& option : parsed.options) {
+    if (!option.string_key.empty() || option.value.empty()) continue;
+    throw UsageError(fmt::format("'{}' belongs to no option (see --help)", option.value.front()));
+  }
+  po::variables_map arguments;
+  po::store(parsed, arguments);
+  po::notify(arguments);
+  return arguments;
+}
+
 int RunParsed(int argc, char** argv, const Program& program) {
   po::options_description all;
   all.add(program.arguments).add(CommonDescription());
-  po::variables_map arguments;
-  const auto style = po::command_line_style::unix_style & ~po::command_line_style::allow_guessing;
-  po::store(po::command_line_parser(argc, argv)
-                .options(all)
-                .positional(po::positional_options_description())
-                .style(style)
-                .run(),
-            arguments);
-  po::notify(arguments);
+  const po::variables_map arguments = ParseArguments(argc, argv, all);
   if (arguments.count("help") > 0) {
     PrintHelp(program, all);
     return 0;
