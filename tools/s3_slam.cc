@@ -143,20 +143,20 @@ void WriteModel(const slam::Model& model, const ImageSequence& sequence, bool wi
   WriteKeypointSigmas(model.keypoint_sigmas, directory / "keypoint_sigmas.bin");
 }
 
-/// The folder given; throws unless some frame has a mask in it.
+/// The folder or file given; throws unless some frame has a mask there.
 std::filesystem::path CheckIgnoreMasks(const po::variables_map& arguments,
                                        const ImageSequence& sequence) {
   if (arguments.count("ignore-masks") == 0) return {};
-  std::filesystem::path directory = arguments["ignore-masks"].as<std::string>();
-  const auto count = std::count_if(
-      sequence.frames.begin(), sequence.frames.end(),
-      [&](const SequenceFrame& frame) { return HasIgnoreMask(directory, frame.name); });
+  std::filesystem::path masks = arguments["ignore-masks"].as<std::string>();
+  const auto count =
+      std::count_if(sequence.frames.begin(), sequence.frames.end(),
+                    [&](const SequenceFrame& frame) { return HasIgnoreMask(masks, frame.name); });
   if (count == 0) {
-    ThrowInputError("{}: no mask of any frame in it, such as {}.png", directory.string(),
+    ThrowInputError("{}: no mask of any frame in it, such as {}.png", masks.string(),
                     sequence.frames.front().name);
   }
   spdlog::info("{} of {} frames have a mask of what to ignore", count, sequence.frames.size());
-  return directory;
+  return masks;
 }
 
 /// The largest map lies in the folder itself, others in folders 1, 2, ... of it.
@@ -221,6 +221,17 @@ std::string Table(const slam::Report& report, size_t num_left_out, const std::st
   return table;
 }
 
+/// The masks alone: s3-lift's report beside them says what they were made of.
+void AddIgnoreMasks(const std::filesystem::path& given, const ImageSequence& sequence,
+                    Provenance& provenance) {
+  if (std::filesystem::is_regular_file(given)) return provenance.AddFile("ignore_masks", given);
+  std::vector<std::filesystem::path> masks;
+  for (const SequenceFrame& frame : sequence.frames) {
+    if (HasIgnoreMask(given, frame.name)) masks.push_back(IgnoreMaskPath(given, frame.name));
+  }
+  provenance.AddListing("ignore_masks", given, masks);
+}
+
 Provenance DescribeInputs(const po::variables_map& arguments, const CommonArguments& common,
                           const slam::Options& options, const ImageSequence& sequence) {
   Provenance provenance("s3-slam", common, OptionsToJson(slam::Effective(options)));
@@ -247,15 +258,7 @@ Provenance DescribeInputs(const po::variables_map& arguments, const CommonArgume
                                                 CameraModelName(used.model), used.width,
                                                 used.height, fmt::join(used.params, " ")));
   if (arguments.count("ignore-masks") > 0) {
-    // The masks alone: s3-lift's report beside them says what they were made of.
-    const std::filesystem::path directory = arguments["ignore-masks"].as<std::string>();
-    std::vector<std::filesystem::path> masks;
-    for (const SequenceFrame& frame : sequence.frames) {
-      if (HasIgnoreMask(directory, frame.name)) {
-        masks.push_back(IgnoreMaskPath(directory, frame.name));
-      }
-    }
-    provenance.AddListing("ignore_masks", directory, masks);
+    AddIgnoreMasks(arguments["ignore-masks"].as<std::string>(), sequence, provenance);
   }
   return provenance;
 }
@@ -311,8 +314,9 @@ int main(int argc, char** argv) {
   add("lenient", po::bool_switch(),
       "leave out and count images that cannot be read or are of another size than the camera's; "
       "decodes all of them once more");
-  add("ignore-masks", po::value<std::string>()->value_name("DIR"),
-      "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift");
+  add("ignore-masks", po::value<std::string>()->value_name("DIR|FILE"),
+      "gray PNGs <image name>.png, no features where they are 0; of things that move, by s3-lift; "
+      "or one PNG for all images, of what is burnt into them or hangs before the lens");
   add("database", po::bool_switch(),
       "also write database.db: keypoints and matches of the keyframes, for colmap mapper; without "
       "descriptors, so COLMAP's matchers can add none");

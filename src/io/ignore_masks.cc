@@ -11,9 +11,9 @@
 
 namespace s3lam {
 
-std::filesystem::path IgnoreMaskPath(const std::filesystem::path& directory,
+std::filesystem::path IgnoreMaskPath(const std::filesystem::path& masks,
                                      const std::string& image_name) {
-  return directory / (image_name + ".png");
+  return std::filesystem::is_regular_file(masks) ? masks : masks / (image_name + ".png");
 }
 
 cv::Mat MakeIgnoreMask(const PanopticFrame& frame, const ClassTable& class_table, int margin_px) {
@@ -54,10 +54,10 @@ void WriteIgnoreMask(const cv::Mat& mask, const std::filesystem::path& directory
   });
 }
 
-cv::Mat ReadIgnoreMask(const std::filesystem::path& directory, const std::string& image_name,
+cv::Mat ReadIgnoreMask(const std::filesystem::path& masks, const std::string& image_name,
                        const cv::Size& size) {
-  if (!HasIgnoreMask(directory, image_name)) return {};
-  const std::filesystem::path path = IgnoreMaskPath(directory, image_name);
+  if (!HasIgnoreMask(masks, image_name)) return {};
+  const std::filesystem::path path = IgnoreMaskPath(masks, image_name);
   cv::Mat mask = ReadPngMask(path);
   if (mask.type() != CV_8UC1) {
     ThrowInputError("{}: {} channel(s) of {} bits where a gray image of 8 bits is due",
@@ -70,8 +70,8 @@ cv::Mat ReadIgnoreMask(const std::filesystem::path& directory, const std::string
   return mask;
 }
 
-bool HasIgnoreMask(const std::filesystem::path& directory, const std::string& image_name) {
-  return std::filesystem::is_regular_file(IgnoreMaskPath(directory, image_name));
+bool HasIgnoreMask(const std::filesystem::path& masks, const std::string& image_name) {
+  return std::filesystem::is_regular_file(IgnoreMaskPath(masks, image_name));
 }
 
 }  // namespace s3lam

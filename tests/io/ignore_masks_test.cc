@@ -34,6 +34,19 @@ TEST(IgnoreMasks, AreZeroOnThingsThatMove) {
   EXPECT_EQ(cv::countNonZero(wide != (cv::Mat_<uint8_t>(1, 5) << 0, 0, 0, 255, 255)), 0);
 }
 
+TEST(IgnoreMasks, AFileIsTheMaskOfEveryImage) {
+  const testing::TempDir dir;
+  cv::Mat mask(1, 5, CV_8UC1, cv::Scalar(255));
+  mask.at<uint8_t>(0, 2) = 0;
+  WriteIgnoreMask(mask, dir.path(), "all");
+  const auto file = dir / "all.png";
+  for (const char* image : {"cam0/1.jpg", "2.jpg"}) {
+    EXPECT_TRUE(HasIgnoreMask(file, image));
+    EXPECT_EQ(cv::norm(ReadIgnoreMask(file, image, {5, 1}), mask), 0.0);
+  }
+  EXPECT_THROW(ReadIgnoreMask(file, "2.jpg", {5, 2}), InputError);
+}
+
 TEST(IgnoreMasks, AreNamedAsColmapWantsThem) {
   const testing::TempDir dir;
   const cv::Mat mask = MakeIgnoreMask(Frame(), Table(), 0);
