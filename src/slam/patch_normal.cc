@@ -130,8 +130,7 @@ void AddPatch(const PatchTemplate& patch, const Eigen::Matrix2d& by_x, const Eig
               NormalEstimator::TargetPatch& target, NormalEstimator::SlopeEquations& equations) {
   const cv::Mat& image = target.view->pyramid->levels[target.view->level];
   Eigen::VectorXf residual;
-  SamplePatch(image, target.center, patch.half, residual);
-  residual.array() -= patch.values.array() + static_cast<float>(target.brightness);
+  PatchResidual(patch, image, target.center, static_cast<float>(target.brightness), residual);
   Eigen::Matrix<float, Eigen::Dynamic, 5> jacobian(residual.size(), 5);
   jacobian.rightCols<3>() = patch.jacobian;
   jacobian.col(4) *= -1.0F;

@@ -7,8 +7,9 @@
 namespace s3lam {
 namespace {
 
-constexpr double kConverged = 0.01;            // Shift of the last step [px of the level].
-constexpr float kMinDeviation = 2.0F;          // Of the values [grey levels].
+constexpr double kConverged = 0.01;    // Shift of the last step [px of the level].
+constexpr float kMinDeviation = 2.0F;  // Of the values [grey levels].
+constexpr float kNoDeviation = 1e-3F;
 constexpr double kMinSquaredGradient = 100.0;  // Determinant of the gradients' sums, per sample.
 
 /// Bilinear interpolation [grey levels]; (x, y) must be inside by one pixel.
@@ -104,13 +105,23 @@ std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen
   return patch;
 }
 
+void PatchResidual(const PatchTemplate& patch, const cv::Mat& image, const Eigen::Vector2d& center,
+                   float brightness, Eigen::VectorXf& residual) {
+  SamplePatch(image, center, patch.half, residual);
+  const float mean = residual.mean();
+  const float deviation = Deviation(residual, mean);
+  const float contrast = deviation > kNoDeviation ? patch.deviation / deviation : 1.0F;
+  residual.array() =
+      contrast * (residual.array() - mean) + (mean - brightness) - patch.values.array();
+}
+
 double PatchCorrelation(const PatchTemplate& patch, const cv::Mat& image,
                         const Eigen::Vector2d& center) {
   Eigen::VectorXf values;
   SamplePatch(image, center, patch.half, values);
   const float mean = values.mean();
   const float deviation = Deviation(values, mean);
-  if (deviation < 1e-3F) return 0.0;
+  if (deviation < kNoDeviation) return 0.0;
   const float product =
       (values.array() - mean).matrix().dot(patch.values) / static_cast<float>(patch.values.size());
   return product / (deviation * patch.deviation);
@@ -122,8 +133,7 @@ bool AlignPatch(const PatchTemplate& patch, const cv::Mat& image, int max_iterat
   float brightness = 0.0F;
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
     if (!IsInside(image, center, patch.half + 1.0)) return false;
-    SamplePatch(image, center, patch.half, residual);
-    residual.array() -= patch.values.array() + brightness;
+    PatchResidual(patch, image, center, brightness, residual);
     const Eigen::Vector3f right = patch.jacobian.transpose() * residual;
     const Eigen::Vector3d step = patch.inverse_hessian * right.cast<double>();
     center -= step.head<2>();

@@ -29,6 +29,11 @@ void SamplePatch(const cv::Mat& image, const Eigen::Vector2d& center, int half,
 std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen::Vector2d& center,
                                                const Eigen::Matrix2d& warp, int half);
 
+/// What an image at a place differs from the patch by [grey levels], once it has the patch's
+/// contrast and `brightness` is taken off: exposure and shading change both.
+void PatchResidual(const PatchTemplate& patch, const cv::Mat& image, const Eigen::Vector2d& center,
+                   float brightness, Eigen::VectorXf& residual);
+
 /// Zero-mean normalised cross-correlation with the image at a place.
 double PatchCorrelation(const PatchTemplate& patch, const cv::Mat& image,
                         const Eigen::Vector2d& center);

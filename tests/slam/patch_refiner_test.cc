@@ -40,6 +40,33 @@ class PatchRefinerTest : public ::testing::Test {
     return kDepth * undistorter_.intrinsics().Normalize(pixel).homogeneous();
   }
 
+  struct Alignment {
+    double share = 0.0;  // Of the corners.
+    double rms = 0.0;    // Of their distances from the truth [px of the level].
+  };
+  /// Corners of the left image in another one, from places that are off by 0.7 px.
+  [[nodiscard]] Alignment AlignAll(const ImagePyramid& right) const {
+    const FrameFeatures corners = ExtractFeatures(features_, undistorter_, left_.levels[0]);
+    int tried = 0;
+    int aligned = 0;
+    double sum_squared = 0.0;
+    for (int i = 0; i < corners.size(); i += 5) {
+      const Keypoint& keypoint = corners.keypoint(i);
+      const Eigen::Vector2d pixel = keypoint.pixel.cast<double>();
+      const Eigen::Vector2d truth = pixel - Eigen::Vector2d(kDisparity, 0.0);
+      const PatchView reference{&left_, {}, pixel, keypoint.level};
+      const PatchView target{&right, pose_right_, truth + Eigen::Vector2d(0.6, -0.4),
+                             keypoint.level};
+      ++tried;
+      const auto found =
+          refiner_.Align(reference, target, PointAt(pixel), Eigen::Vector3d::UnitZ());
+      if (!found) continue;
+      ++aligned;
+      sum_squared += (*found - truth).squaredNorm() / (keypoint.sigma * keypoint.sigma);
+    }
+    return {static_cast<double>(aligned) / tried, std::sqrt(sum_squared / aligned)};
+  }
+
   FeatureOptions features_;
   PatchRefinerOptions options_;
   Undistorter undistorter_;
@@ -50,23 +77,20 @@ class PatchRefinerTest : public ::testing::Test {
 };
 
 TEST_F(PatchRefinerTest, FindsTheMatchToATenthOfAPixel) {
-  const FrameFeatures corners = ExtractFeatures(features_, undistorter_, left_.levels[0]);
-  int aligned = 0;
-  double sum_squared = 0.0;
-  for (int i = 0; i < corners.size(); i += 5) {
-    const Keypoint& keypoint = corners.keypoint(i);
-    const Eigen::Vector2d pixel = keypoint.pixel.cast<double>();
-    const Eigen::Vector2d truth = pixel - Eigen::Vector2d(kDisparity, 0.0);
-    const PatchView reference{&left_, {}, pixel, keypoint.level};
-    const PatchView target{&right_, pose_right_, truth + Eigen::Vector2d(0.6, -0.4),
-                           keypoint.level};
-    const auto found = refiner_.Align(reference, target, PointAt(pixel), Eigen::Vector3d::UnitZ());
-    if (!found) continue;
-    ++aligned;
-    sum_squared += (*found - truth).squaredNorm() / (keypoint.sigma * keypoint.sigma);
+  const Alignment alignment = AlignAll(right_);
+  EXPECT_GT(alignment.share, 0.7);
+  EXPECT_LT(alignment.rms, 0.15);
+}
+
+TEST_F(PatchRefinerTest, AnotherExposureNeitherMovesNorLosesTheMatch) {
+  const Alignment same = AlignAll(right_);
+  for (const double gain : {0.4, 0.7}) {
+    cv::Mat exposed;
+    right_.levels[0].convertTo(exposed, -1, gain, 128.0 * (1.0 - gain));
+    const Alignment alignment = AlignAll(BuildPyramid(features_, exposed));
+    EXPECT_GT(alignment.share, 0.9 * same.share) << gain;
+    EXPECT_LT(alignment.rms, 1.25 * same.rms) << gain;
   }
-  EXPECT_GT(aligned, corners.size() / 5 * 7 / 10);
-  EXPECT_LT(std::sqrt(sum_squared / aligned), 0.15);  // px of the level
 }
 
 TEST_F(PatchRefinerTest, RefusesAnotherPlace) {
