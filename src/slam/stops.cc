@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <numbers>
+#include <vector>
 
 namespace s3lam::slam {
 namespace {
@@ -15,24 +16,43 @@ double ParallaxPx(const FrameView& from, const FrameView& to, double focal_lengt
   return focal_length * way.norm() / from.median_depth;
 }
 
-/// The stop that begins with frame `first`, as long as it lasts.
+/// How many of the turns [px] come before the first of more than a pixel.
+int CountStill(const std::vector<double>& turns_px) {
+  const auto turned =
+      std::find_if(turns_px.begin(), turns_px.end(), [](double turn) { return turn > kStillPx; });
+  return static_cast<int>(turned - turns_px.begin());
+}
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// The stop that begins with frame `first`, as long as it lasts. Where most of it stands still it
+/// ends with the first turn: a start moves the centre by little at first.
 StopReport StopFrom(std::span<const std::optional<FrameView>> views, int first,
                     double focal_length) {
   const FrameView& start = *views[first];
   StopReport stop;
   stop.map = start.map;
-  stop.first_frame = stop.last_frame = first;
-  double turn_rad = 0.0;
+  stop.first_frame = first;
+  std::vector<double> turns_px{0.0};
   for (int i = first + 1; i < static_cast<int>(views.size()); ++i) {
     const bool stays = views[i] && views[i]->map == start.map &&
                        ParallaxPx(start, *views[i], focal_length) < kStillPx;
     if (!stays) break;
-    stop.last_frame = i;
-    turn_rad = std::max(
-        turn_rad, RotationAngle(start.cam_from_world.rotation, views[i]->cam_from_world.rotation));
+    turns_px.push_back(focal_length * RotationAngle(start.cam_from_world.rotation,
+                                                    views[i]->cam_from_world.rotation));
   }
-  if (focal_length * turn_rad > kStillPx) stop.kind = StopReport::Kind::kRotation;
-  stop.turn_deg = turn_rad * 180.0 / std::numbers::pi;
+  if (Median(turns_px) > kStillPx) {
+    stop.kind = StopReport::Kind::kRotation;
+  } else {
+    turns_px.resize(static_cast<size_t>(CountStill(turns_px)));
+  }
+  stop.last_frame = first + static_cast<int>(turns_px.size()) - 1;
+  stop.turn_deg =
+      *std::max_element(turns_px.begin(), turns_px.end()) / focal_length * 180.0 / std::numbers::pi;
   return stop;
 }
 

@@ -42,6 +42,18 @@ TEST(Stops, AreToldFromMotionAndByWhetherTheViewTurns) {
   EXPECT_NEAR(stops[1].turn_deg, 15 * 0.02 * 57.29578, 1e-3);
 }
 
+TEST(Stops, OfOneThatStandsEndWhenItSetsOff) {
+  std::vector<std::optional<FrameView>> views(50, ViewAt(0.0, 0.0));
+  for (int i = 1; i <= 5; ++i) views.emplace_back(ViewAt(6e-4 * i, 1e-3 * i));  // Slowly at first.
+  for (int i = 1; i <= 20; ++i) views.emplace_back(ViewAt(0.02 * i, 5e-3));
+  const auto stops = FindStops(views, kFocal);
+  ASSERT_EQ(stops.size(), 1U);
+  EXPECT_EQ(stops[0].kind, StopReport::Kind::kStandstill);
+  EXPECT_GE(stops[0].last_frame, 49);
+  EXPECT_LE(stops[0].last_frame, 51);
+  EXPECT_LT(stops[0].turn_deg, 0.15);
+}
+
 TEST(Stops, EndWhereFramesAreLostOrTheMapChanges) {
   std::vector<std::optional<FrameView>> views(25, ViewAt(0.0, 0.0));
   views[12] = std::nullopt;

@@ -16,7 +16,8 @@ struct FrameView {
 };
 
 /// Frames in a row from which nothing can be triangulated: the camera's centre stays, so that
-/// points move by less than a pixel for it.
+/// points move by less than a pixel for it. It turns if they move by more for the turn in most of
+/// these frames.
 struct StopReport {
   enum class Kind { kStandstill, kRotation };  // Does the view stay as well, or turn?
   int first_frame = 0;
