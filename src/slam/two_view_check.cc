@@ -21,6 +21,24 @@ constexpr double kChi2 = 3.841;  // 95 %, 1 degree of freedom.
 constexpr double kDescriptorRatio = 0.8;
 constexpr double kRefutes = 0.04;  // Contradiction that leaves nothing to a map.
 constexpr double kRansacThresholdPx = 2.0;
+/// Share of matches known to be wrong beyond which the others are not to be believed either.
+constexpr double kMaxKnownWrong = 0.07;
+constexpr double kApartSigmas = 6.0;  // One corner may be a keypoint on several levels.
+
+/// Does a keyframe see both, at different places?
+bool AreSeenApart(const Map& map, int point_a, int point_b) {
+  const auto& in_a = map.point(point_a).observations;
+  const auto& in_b = map.point(point_b).observations;
+  return std::any_of(in_a.begin(), in_a.end(), [&](const MapObservation& a) {
+    return std::any_of(in_b.begin(), in_b.end(), [&](const MapObservation& b) {
+      if (a.keyframe != b.keyframe) return false;
+      const Keypoint& at_a = map.keypoint(a);
+      const Keypoint& at_b = map.keypoint(b);
+      const double sigma = std::max(map.sigma(at_a.level), map.sigma(at_b.level));
+      return (at_a.undistorted - at_b.undistorted).norm() > kApartSigmas * sigma;
+    });
+  });
+}
 
 /// Keypoints of two keyframes that look alike.
 class Matches {
@@ -45,9 +63,23 @@ class Matches {
       sigmas_.push_back(std::max(map.sigma(in_a.level), map.sigma(in_b.level)) / focal);
     }
     threshold_ = kRansacThresholdPx / focal;
+    const auto& points_a = map.keyframe(keyframe_a).point_of_keypoint;
+    const auto& points_b = map.keyframe(keyframe_b).point_of_keypoint;
+    num_known_wrong_ = std::count_if(kept.begin(), kept.end(), [&](const PointMatch& match) {
+      const int point_a = points_a[match.keypoint];
+      const int point_b = points_b[match.point];
+      return point_a != kNoIndex && point_b != kNoIndex && point_a != point_b &&
+             AreSeenApart(map, point_a, point_b);
+    });
   }
 
   [[nodiscard]] int size() const { return static_cast<int>(sigmas_.size()); }
+
+  /// False where looks deceive, as of windows of one kind in a row: many matches are between
+  /// points that are two, which says nothing about the poses in the map.
+  [[nodiscard]] bool AreReliable() const {
+    return static_cast<double>(num_known_wrong_) <= kMaxKnownWrong * size();
+  }
 
   /// Matches that a motion explains, by their Sampson distance.
   [[nodiscard]] int CountExplained(const Rigid3& b_from_a) const {
@@ -88,6 +120,7 @@ class Matches {
   std::vector<Eigen::Vector2d> in_b_;
   std::vector<double> sigmas_;  // Normalised.
   double threshold_ = 0.0;
+  std::ptrdiff_t num_known_wrong_ = 0;
 };
 
 }  // namespace
@@ -117,8 +150,8 @@ std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, cons
     const auto& [a, b] = pairs[i];
     const Matches matches(map, undistorter.intrinsics(), a, b);
     TwoViewCheck& check = checks[i];
+    if (matches.size() < options.min_matches || !matches.AreReliable()) return;
     check = {map.keyframe(a).frame, map.keyframe(b).frame, matches.size(), 0, 0};
-    if (matches.size() < options.min_matches) return;
     check.num_of_map = matches.CountExplained(map.keyframe(b).cam_from_world *
                                               map.keyframe(a).cam_from_world.Inverse());
     check.num_of_best = check.num_of_map;
@@ -126,7 +159,7 @@ std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, cons
     if (matches.size() - check.num_of_map <= kMotionFreedoms) return;
     check.num_of_best = std::max(check.num_of_best, matches.CountExplainedByBest(options.seed));
   });
-  std::erase_if(checks, [&](const auto& check) { return check.num_matches < options.min_matches; });
+  std::erase_if(checks, [](const auto& check) { return check.num_matches == 0; });
   return checks;
 }
 

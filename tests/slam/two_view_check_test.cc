@@ -61,6 +61,71 @@ TEST_F(TwoViewCheckTest, AWrongTurnIsContradictedAroundItAndOnlyThere) {
   EXPECT_GT(of_frames[5], 0.1);
 }
 
+/// A row of things of one kind: what a later keyframe sees at one of them looks like what an
+/// earlier one saw at the one before.
+class RepeatedThingsTest : public ::testing::Test {
+ protected:
+  static constexpr int kFrames = 5;  // Looks are the next thing's from the middle one on.
+
+  RepeatedThingsTest() : undistorter_(testing::MakeTestCamera(CameraModel::kPinhole)) {
+    early_ = testing::MakeCloud(150, /*planar=*/false, 5);
+    const testing::PointCloud next = testing::MakeCloud(150, /*planar=*/false, 7);
+    late_ = early_;
+    for (size_t i = 0; i < next.points.size(); ++i) {
+      early_.points.emplace_back(early_.points[i] + Eigen::Vector3d(0.4, 0.3, 0.2));
+      early_.descriptors.push_back(next.descriptors[i]);
+    }
+    late_.points = early_.points;
+    late_.descriptors.insert(late_.descriptors.begin(), next.descriptors.rbegin(),
+                             next.descriptors.rend());
+    Rng rng(6);
+    for (int i = 0; i < kFrames; ++i) {
+      frames_.push_back(
+          testing::SeeCloud(i < kFrames / 2 ? early_ : late_, Pose(i), undistorter_, 0.3, rng));
+    }
+  }
+
+  static Rigid3 Pose(int frame) {
+    Rigid3 pose;
+    pose.translation = Eigen::Vector3d(-0.1 * frame, 0.02 * frame, 0.0);
+    return pose;
+  }
+
+  /// The right map: true poses and points.
+  Map TrueMap() {
+    Map map(frames_, FeatureOptions{});
+    for (int i = 0; i < kFrames; ++i) map.AddKeyframe(i, Pose(i));
+    for (size_t p = 0; p < early_.points.size(); ++p) {
+      const int point = map.AddPoint(early_.points[p], 0);
+      for (int i = 0; i < kFrames; ++i) {
+        const auto& looks = (i < kFrames / 2 ? early_ : late_).descriptors[p];
+        for (int k = 0; k < frames_[static_cast<size_t>(i)].size(); ++k) {
+          if (frames_[static_cast<size_t>(i)].descriptor(k) == looks) {
+            map.AddObservation(point, {i, k});
+          }
+        }
+      }
+    }
+    return map;
+  }
+
+  Undistorter undistorter_;
+  testing::PointCloud early_;
+  testing::PointCloud late_;
+  std::vector<FrameFeatures> frames_;
+};
+
+TEST_F(RepeatedThingsTest, ContradictOnlyAMapThatDoesNotSeeThemApart) {
+  Map without_points(frames_, FeatureOptions{});
+  for (int i = 0; i < kFrames; ++i) without_points.AddKeyframe(i, Pose(i));
+  EXPECT_GT(ContradictionOfFrames(CheckTwoViews({}, without_points, undistorter_, 1), kFrames)[1],
+            0.5);
+  const std::vector<TwoViewCheck> checks = CheckTwoViews({}, TrueMap(), undistorter_, 1);
+  EXPECT_EQ(ContradictionOfFrames(checks, kFrames), std::vector<double>(kFrames, 0.0));
+  ASSERT_EQ(checks.size(), 1U);  // Where looks stay.
+  EXPECT_EQ(checks[0].frame_a, kFrames / 2);
+}
+
 TEST_F(TwoViewCheckTest, IsTheSameOnAnyNumberOfThreads) {
   const auto one = Check(truth_, 1);
   const auto three = Check(truth_, 3);

@@ -30,8 +30,10 @@ struct TwoViewCheck {
 
 /// Whether the map agrees with pairs of its keyframes that are matched by looks alone. A map that
 /// bent still fits what it kept, having dropped what did not fit; seen without it, the two views
-/// tell. Pairs are a few keyframes apart in time, those with fewer than `min_matches` matches are
-/// left out; in ascending order of frames, the same on any number of threads.
+/// tell. Pairs are a few keyframes apart in time; left out are those with fewer than `min_matches`
+/// matches, and those with many between points that some keyframe sees at two places: where things
+/// repeat, looks tell of another motion than there was. In ascending order of frames, the same on
+/// any number of threads.
 std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, const Map& map,
                                         const Undistorter& undistorter, int num_threads);
 
