@@ -61,10 +61,17 @@ Submaps BuildMaps(const Options& options, const MapBuilderFactory& make_builder,
                       options.num_threads, make_builder, after_frame, tracking);
 }
 
-/// Maps of the whole sequence from another start, where these are refuted.
+LoopClosingReport CloseLoopsOf(const Options& options, const Vocabulary& vocabulary,
+                               const Undistorter& undistorter, MapBuilder& builder) {
+  return CloseLoops(options.loops, vocabulary, undistorter, builder.mapper(), options.global_rounds,
+                    options.num_threads, builder.map(), builder.tracks());
+}
+
+/// Maps of the whole sequence from another start, where these are refuted. Their loops are closed
+/// then.
 void MapAgain(const Options& options, const MapBuilderFactory& make_builder,
               const Vocabulary& vocabulary, RunState& state) {
-  MappedSequence mapped{std::move(state.maps), state.report.num_merged_maps};
+  MappedSequence mapped{std::move(state.maps), state.report.num_merged_maps, {}};
   const auto map_from = [&](const FrameSpan& start) {
     MappedSequence again;
     SubmapsUnderWay tracking;
@@ -76,10 +83,16 @@ void MapAgain(const Options& options, const MapBuilderFactory& make_builder,
                                     options.global_rounds, options.num_threads, again.maps);
     return again;
   };
+  const auto close_loops = [&](MappedSequence& sequence) {
+    for (const auto& builder : sequence.maps) {
+      sequence.loops.push_back(CloseLoopsOf(options, vocabulary, state.undistorter, *builder));
+    }
+  };
   state.report.remapping =
       MapAgainWhereRefuted(options.remapping, state.undistorter, options.num_threads,
-                           state.frames.size(), map_from, mapped);
+                           state.frames.size(), map_from, mapped, close_loops);
   state.maps = std::move(mapped.maps);
+  state.loops = std::move(mapped.loops);
   state.report.num_merged_maps = mapped.num_merged;
 }
 
@@ -90,6 +103,7 @@ void MapSequence(const Options& options, const MapBuilderFactory& make_builder,
   steps.Do([&] {
     const ScopedStep step(seconds, "tracking and mapping");
     state.maps.clear();
+    state.loops.clear();
     state.maps = BuildMaps(
         options, make_builder, state, [&] { steps.KeepNowAndThen(); }, state.tracking);
     if (state.maps.empty()) {
@@ -331,10 +345,9 @@ Result Run(const Options& given, const Input& input) {
   for (size_t m = 0; m < maps.size(); ++m) {
     MapBuilder& builder = *maps[m];
     steps.Do([&] {
+      if (m < state.loops.size()) return;  // Closed before the map was judged.
       const ScopedStep step(seconds, "closing loops");
-      state.loops.push_back(CloseLoops(options.loops, *vocabulary, state.undistorter,
-                                       builder.mapper(), options.global_rounds, options.num_threads,
-                                       builder.map(), builder.tracks()));
+      state.loops.push_back(CloseLoopsOf(options, *vocabulary, state.undistorter, builder));
     });
     steps.Do([&] { ImproveMap(options, input, state.undistorter, builder, seconds); });
   }

@@ -14,20 +14,44 @@ constexpr double kNoDoubt = 0.5;  // Below it.
 constexpr double kClearlyLess = 2.0 / 3.0;
 constexpr int kMinShared = 20;  // Points, for two keyframes to be of one scale and place.
 
-/// The longest first.
-std::vector<FrameSpan> StretchesWithoutDoubt(const std::vector<double>& doubts) {
-  std::vector<FrameSpan> stretches;
-  FrameSpan stretch;
-  for (int i = 0; i <= static_cast<int>(doubts.size()); ++i) {
-    if (i < static_cast<int>(doubts.size()) && doubts[i] < kNoDoubt) continue;
-    stretch.end = i;
-    if (stretch.Length() >= kMinStretch) stretches.push_back(stretch);
-    stretch.begin = i + 1;
+/// About the maps of a sequence.
+struct Doubts {
+  std::vector<double> of_frames;
+  double part = 0.0;
+};
+
+/// Where in the sequence maps are begun, none twice.
+class Starts {
+ public:
+  /// But for the pairs that these maps were begun from: from those the same would come of it.
+  Starts(const Submaps& maps, size_t num_frames) : is_tried_(num_frames, 0) {
+    for (const auto& map : maps) {
+      const InitialPair& pair = map->initial_pair();
+      if (pair.frame_a >= 0) Mark({pair.frame_a, pair.frame_b + 1});
+    }
   }
-  std::stable_sort(stretches.begin(), stretches.end(),
-                   [](const auto& a, const auto& b) { return a.Length() > b.Length(); });
-  return stretches;
-}
+
+  /// The longest stretch without doubt, or of any frames if there is none, that is left; empty if
+  /// none is.
+  FrameSpan Next(const std::vector<double>& doubts) {
+    std::vector<uint8_t> is_barred = is_tried_;
+    for (size_t i = 0; i < doubts.size(); ++i) {
+      if (doubts[i] >= kNoDoubt) is_barred[i] = 1;
+    }
+    FrameSpan start = LongestFree(is_barred);
+    if (start.Length() < kMinStretch) start = LongestFree(is_tried_);
+    if (start.Length() < kMinStretch) return {};
+    Mark(start);
+    return start;
+  }
+
+ private:
+  void Mark(const FrameSpan& span) {
+    std::fill(is_tried_.begin() + span.begin, is_tried_.begin() + span.end, 1);
+  }
+
+  std::vector<uint8_t> is_tried_;  // Per frame.
+};
 
 /// Groups that grow together.
 class Groups {
@@ -122,27 +146,39 @@ double PartInDoubt(const Submaps& maps, const std::vector<double>& doubts) {
 RemappingReport MapAgainWhereRefuted(const RemappingOptions& options,
                                      const Undistorter& undistorter, int num_threads,
                                      size_t num_frames, const MapFrom& map_from,
-                                     MappedSequence& mapped) {
+                                     MappedSequence& mapped, const CloseLoopsIn& close_loops) {
   RemappingReport report;
   if (options.max_attempts == 0) return report;
   const TwoViewCheckOptions check{.min_matches = options.min_matches, .seed = options.seed};
   const auto doubts_about = [&](const Submaps& maps) {
-    return DoubtsOfFrames(check, maps, undistorter, num_threads, num_frames);
+    Doubts doubts{DoubtsOfFrames(check, maps, undistorter, num_threads, num_frames), 0.0};
+    doubts.part = PartInDoubt(maps, doubts.of_frames);
+    return doubts;
   };
-  const std::vector<double> doubts = doubts_about(mapped.maps);
-  report.doubt_before = report.doubt = PartInDoubt(mapped.maps, doubts);
-  for (const FrameSpan& stretch : StretchesWithoutDoubt(doubts)) {
-    if (report.doubt <= options.max_doubt || report.attempts == options.max_attempts) break;
+  const auto close_if_in_doubt = [&](MappedSequence& sequence, Doubts& doubts) {
+    if (doubts.part <= options.max_doubt || !close_loops) return;
+    close_loops(sequence);
+    doubts = doubts_about(sequence.maps);
+  };
+  Doubts doubts = doubts_about(mapped.maps);
+  report.doubt_before = doubts.part;
+  close_if_in_doubt(mapped, doubts);
+  Starts starts(mapped.maps, num_frames);
+  while (doubts.part > options.max_doubt && report.attempts < options.max_attempts) {
+    const FrameSpan start = starts.Next(doubts.of_frames);
+    if (start.Length() == 0) break;
     ++report.attempts;
-    MappedSequence again = map_from(stretch);
+    MappedSequence again = map_from(start);
     if (again.maps.empty()) continue;
-    const double doubt = PartInDoubt(again.maps, doubts_about(again.maps));
+    Doubts doubts_again = doubts_about(again.maps);
+    close_if_in_doubt(again, doubts_again);
     spdlog::info("{:.0f} % of the frames are in doubt, and {:.0f} % in a map from frames {} to {}",
-                 100.0 * report.doubt, 100.0 * doubt, stretch.begin, stretch.end - 1);
-    if (doubt > kClearlyLess * report.doubt) continue;
-    report.doubt = doubt;
+                 100.0 * doubts.part, 100.0 * doubts_again.part, start.begin, start.end - 1);
+    if (doubts_again.part > kClearlyLess * doubts.part) continue;
+    doubts = std::move(doubts_again);
     mapped = std::move(again);
   }
+  report.doubt = doubts.part;
   return report;
 }
 

@@ -9,18 +9,6 @@
 namespace s3lam {
 namespace {
 
-/// The longest run of frames that are not set.
-FrameSpan LongestFree(const std::vector<uint8_t>& is_set) {
-  FrameSpan best;
-  int begin = 0;
-  for (int i = 0; i <= static_cast<int>(is_set.size()); ++i) {
-    if (i < static_cast<int>(is_set.size()) && is_set[i] == 0) continue;
-    if (i - begin > best.Length()) best = {begin, i};
-    begin = i + 1;
-  }
-  return best;
-}
-
 std::vector<uint8_t> TakenFrames(const Submaps& maps, size_t num_frames) {
   std::vector<uint8_t> taken(num_frames, 0);
   for (const auto& map : maps) {
@@ -163,6 +151,17 @@ void SubmapOptions::Visit(OptionVisitor& v) {
           "keyframes of one map that each keyframe of another is compared with", 1, 1000);
   v.Value("min_matches", min_matches,
           "pairs of keyframes at which two maps must meet in the same way", 1, 1000);
+}
+
+FrameSpan LongestFree(const std::vector<uint8_t>& is_set) {
+  FrameSpan best;
+  int begin = 0;
+  for (int i = 0; i <= static_cast<int>(is_set.size()); ++i) {
+    if (i < static_cast<int>(is_set.size()) && is_set[i] == 0) continue;
+    if (i - begin > best.Length()) best = {begin, i};
+    begin = i + 1;
+  }
+  return best;
 }
 
 Submaps BuildSubmaps(const SubmapOptions& options, const InitializerOptions& initializer,

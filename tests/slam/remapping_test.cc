@@ -46,8 +46,9 @@ class RemappingTest : public ::testing::Test {
     return mapped;
   }
 
-  RemappingReport MapAgain(const MapFrom& map_from, MappedSequence& mapped) {
-    return MapAgainWhereRefuted({}, undistorter_, 1, kFrames, map_from, mapped);
+  RemappingReport MapAgain(const MapFrom& map_from, MappedSequence& mapped,
+                           const CloseLoopsIn& close_loops = {}) {
+    return MapAgainWhereRefuted({}, undistorter_, 1, kFrames, map_from, mapped, close_loops);
   }
 
   static constexpr int kFrames = 48;
@@ -99,6 +100,75 @@ TEST_F(RemappingTest, WhatIsNoBetterIsNotTaken) {
   EXPECT_EQ(report.attempts, 2);
   EXPECT_EQ(report.doubt, report.doubt_before);
   EXPECT_EQ(mapped.maps.front().get(), before);
+}
+
+TEST_F(RemappingTest, LoopsAreClosedBeforeAMapIsGivenUp) {
+  MappedSequence mapped = Mapped(16);
+  const RemappingReport report = MapAgain(
+      [](const FrameSpan&) -> MappedSequence {
+        ADD_FAILURE() << "mapped again";
+        return {};
+      },
+      mapped,
+      [&](MappedSequence& sequence) {
+        sequence = Mapped();
+        sequence.loops.resize(1);
+      });
+  EXPECT_EQ(report.attempts, 0);
+  EXPECT_GT(report.doubt_before, 0.2);
+  EXPECT_LT(report.doubt, 0.05);
+  EXPECT_EQ(mapped.loops.size(), 1U);
+}
+
+TEST_F(RemappingTest, LoopsOfOtherStartsAreClosedBeforeTheyAreJudged) {
+  MappedSequence mapped = Mapped(24);
+  int num_closed = 0;
+  const RemappingReport report = MapAgain([&](const FrameSpan&) { return Mapped(14, 34); }, mapped,
+                                          [&](MappedSequence& sequence) {
+                                            if (++num_closed == 2) sequence = Mapped();
+                                          });
+  EXPECT_EQ(num_closed, 2);
+  EXPECT_EQ(report.attempts, 1);
+  EXPECT_LT(report.doubt, 0.05);
+}
+
+TEST_F(RemappingTest, LoopsOfAMapWithoutDoubtAreLeftForLater) {
+  MappedSequence mapped = Mapped();
+  MapAgain([](const FrameSpan&) { return MappedSequence(); }, mapped,
+           [](MappedSequence&) { ADD_FAILURE() << "loops closed"; });
+}
+
+TEST_F(RemappingTest, ThePairThatAMapWasBegunFromIsNotTriedAgain) {
+  MappedSequence mapped = Mapped(16);
+  InitialPair pair;
+  pair.frame_a = 36;
+  pair.frame_b = 38;
+  mapped.maps.front()->Start(pair);
+  for (const int k : {kFrames, kFrames + 1}) mapped.maps.front()->map().EraseKeyframe(k);
+  std::vector<FrameSpan> starts;
+  MapAgain(
+      [&](const FrameSpan& start) {
+        starts.push_back(start);
+        return MappedSequence();
+      },
+      mapped);
+  ASSERT_EQ(starts.size(), 2U);
+  for (const FrameSpan& start : starts) EXPECT_TRUE(start.end <= 36 || start.begin > 38);
+}
+
+TEST_F(RemappingTest, WhereAllIsInDoubtItIsBegunFromOtherFrames) {
+  MappedSequence mapped = Mapped();
+  for (FrameTrack& track : mapped.maps.front()->tracks()) track.tracked = false;
+  std::vector<FrameSpan> starts;
+  const RemappingReport report = MapAgain(
+      [&](const FrameSpan& start) {
+        starts.push_back(start);
+        return Mapped();
+      },
+      mapped);
+  EXPECT_EQ(report.doubt_before, 1.0);
+  EXPECT_EQ(report.attempts, 1);
+  EXPECT_LT(report.doubt, 0.05);
 }
 
 TEST_F(RemappingTest, FramesInNoMapAreInDoubt) {

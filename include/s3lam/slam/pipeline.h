@@ -91,7 +91,7 @@ struct Result {
 ///   extract features -> learn a vocabulary from them -> if the camera is a guess, look for its
 ///   focal length on a stretch of frames -> from an initial pair, track and map, both
 ///   ways; start over where that gets lost for good -> merge maps that meet -> map again
-///   from elsewhere where two views refute the map -> close loops ->
+///   from elsewhere where two views refute the map, its loops closed -> close loops ->
 ///   match again and align, adjusting in between -> refine the camera -> adjust with the noise that
 ///   aligned keypoints have -> localise every frame in the final maps -> export.
 /// Throws InputError if no map can be started or images do not fit the camera.

@@ -23,17 +23,21 @@ struct RemappingOptions {
 struct MappedSequence {
   Submaps maps;
   int num_merged = 0;
+  std::vector<LoopClosingReport> loops;  // Per map, if they are closed; else empty.
 };
 
 struct RemappingReport {
   int attempts = 0;           // Times the sequence was mapped again.
-  double doubt_before = 0.0;  // PartInDoubt of the maps as they were
+  double doubt_before = 0.0;  // PartInDoubt of the maps as they were, before loops were closed,
   double doubt = 0.0;         // and of those that stayed.
 };
 
 /// Maps a sequence, the first map from an initial pair within the given frames; empty if there is
 /// none.
 using MapFrom = std::function<MappedSequence(const FrameSpan& start)>;
+
+/// Closes the loops in all maps of a sequence.
+using CloseLoopsIn = std::function<void(MappedSequence&)>;
 
 /// Per frame, in [0, 1]: 1 where it is in no map or its map is refuted by pairs of keyframes around
 /// it, see Refutation. Few matches, between views far apart, refute the exactness of a map; that it
@@ -47,12 +51,14 @@ std::vector<double> DoubtsOfFrames(const TwoViewCheckOptions& options, const Sub
 double PartInDoubt(const Submaps& maps, const std::vector<double>& doubts);
 
 /// Where the maps leave too many frames in doubt or cut off, maps the sequence again, from the
-/// longest stretches of frames without doubt: a bad start, a turn on the spot or a large object
-/// passing by bend a map for good, but not every one that was begun elsewhere. Those that leave
-/// clearly less in doubt stay.
+/// longest stretches of frames without doubt, or without any such from any, but those that a map
+/// was begun in: a bad start, a turn on the spot or a large object passing by bend a map for good,
+/// but not every one that was begun elsewhere. Those that leave clearly less in doubt stay. Loops
+/// may put right what two views refute: where there is too much of it they are closed, if
+/// `close_loops` is given, before a map is given up.
 RemappingReport MapAgainWhereRefuted(const RemappingOptions& options,
                                      const Undistorter& undistorter, int num_threads,
                                      size_t num_frames, const MapFrom& map_from,
-                                     MappedSequence& mapped);
+                                     MappedSequence& mapped, const CloseLoopsIn& close_loops = {});
 
 }  // namespace s3lam

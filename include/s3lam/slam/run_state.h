@@ -17,7 +17,7 @@ struct RunState {
   Undistorter undistorter;
   SubmapsUnderWay tracking;
   Submaps maps;
-  std::vector<LoopClosingReport> loops;  // Per map.
+  std::vector<LoopClosingReport> loops;  // Per map, as far as they are closed.
   std::vector<uint8_t> camera_stays;     // Per refinement of a camera that is not known.
   Report report;                         // As far as the steps fill it.
 };

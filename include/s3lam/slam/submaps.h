@@ -31,6 +31,9 @@ struct FrameSpan {
   [[nodiscard]] int Length() const { return end - begin; }
 };
 
+/// The longest run of frames that are not set; empty if all are.
+FrameSpan LongestFree(const std::vector<uint8_t>& is_set);
+
 /// Maps of a sequence on the way.
 struct SubmapsUnderWay {
   Submaps maps;                         // Complete ones.
