@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "s3lam/base/parallel.h"
+#include "s3lam/base/statistics.h"
 #include "s3lam/robust/relative_pose.h"
 #include "s3lam/slam/matcher.h"
 
@@ -40,6 +41,22 @@ bool AreSeenApart(const Map& map, int point_a, int point_b) {
   });
 }
 
+/// What is burnt into all images, or hangs before the lens, stays where it is in the image while
+/// the rest moves, and tells nothing about the motion.
+void LeaveOutStill(const FrameFeatures& a, const FrameFeatures& b,
+                   std::vector<PointMatch>& matches) {
+  constexpr double kStillPx = 1.5;
+  constexpr double kMovesPx = 8.0;
+  if (matches.empty()) return;
+  const auto shift = [&](const PointMatch& match) -> double {
+    return (a.keypoint(match.keypoint).pixel - b.keypoint(match.point).pixel).norm();
+  };
+  std::vector<double> shifts;
+  for (const PointMatch& match : matches) shifts.push_back(shift(match));
+  if (Median(std::move(shifts)) < kMovesPx) return;
+  std::erase_if(matches, [&](const PointMatch& match) { return shift(match) < kStillPx; });
+}
+
 /// Keypoints of two keyframes that look alike.
 class Matches {
  public:
@@ -54,6 +71,7 @@ class Matches {
       turns.push_back(a.keypoint(match.a).angle - b.keypoint(match.b).angle);
     }
     KeepConsistentRotations(turns, kept);
+    LeaveOutStill(a, b, kept);
     const double focal = 0.5 * (camera.fx + camera.fy);
     for (const PointMatch& match : kept) {
       const Keypoint& in_a = a.keypoint(match.keypoint);

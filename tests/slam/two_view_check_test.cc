@@ -11,13 +11,12 @@ namespace {
 class TwoViewCheckTest : public ::testing::Test {
  protected:
   TwoViewCheckTest() : undistorter_(testing::MakeTestCamera(CameraModel::kPinhole)) {
-    const testing::PointCloud cloud = testing::MakeCloud(400, /*planar=*/false, 5);
     Rng rng(6);
     for (int i = 0; i < kFrames; ++i) {
       Rigid3 pose;
       pose.translation = Eigen::Vector3d(-0.15 * i, 0.02 * i, 0.0);
       truth_.push_back(pose);
-      frames_.push_back(testing::SeeCloud(cloud, pose, undistorter_, 0.3, rng));
+      frames_.push_back(testing::SeeCloud(cloud_, pose, undistorter_, 0.3, rng));
     }
   }
 
@@ -30,6 +29,7 @@ class TwoViewCheckTest : public ::testing::Test {
   }
 
   static constexpr int kFrames = 6;
+  const testing::PointCloud cloud_ = testing::MakeCloud(400, /*planar=*/false, 5);
   Undistorter undistorter_;
   std::vector<Rigid3> truth_;
   std::vector<FrameFeatures> frames_;
@@ -59,6 +59,27 @@ TEST_F(TwoViewCheckTest, AWrongTurnIsContradictedAroundItAndOnlyThere) {
   ASSERT_EQ(of_frames.size(), static_cast<size_t>(kFrames));
   EXPECT_GT(of_frames[3], 0.1);
   EXPECT_GT(of_frames[5], 0.1);
+}
+
+/// A wall fits many motions, of which one fits much of what is burnt into a corner as well.
+TEST_F(TwoViewCheckTest, WhatIsBurntIntoTheImagesDoesNotContradict) {
+  const testing::PointCloud wall = testing::MakeCloud(150, /*planar=*/true, 5);
+  const testing::PointCloud burnt = testing::MakeCloud(70, /*planar=*/true, 9);
+  Rng rng(6);
+  for (size_t i = 0; i < truth_.size(); ++i) {
+    const double angle = 0.03 * static_cast<double>(i);
+    truth_[i].rotation = Eigen::AngleAxisd(angle, Eigen::Vector3d(1.0, 1.0, 1.0).normalized());
+    testing::PointCloud all = wall;
+    for (size_t p = 0; p < burnt.points.size(); ++p) {
+      const Eigen::Vector3d corner(-1.2, -0.8, 4.0);
+      all.points.emplace_back(truth_[i].Inverse() * (corner + 0.1 * burnt.points[p]));
+      all.descriptors.push_back(burnt.descriptors[p]);
+    }
+    frames_[i] = testing::SeeCloud(all, truth_[i], undistorter_, 0.1, rng);
+  }
+  const std::vector<TwoViewCheck> checks = Check(truth_);
+  EXPECT_EQ(checks.size(), 6U);
+  for (const TwoViewCheck& check : checks) EXPECT_EQ(check.Contradiction(), 0.0);
 }
 
 /// A row of things of one kind: what a later keyframe sees at one of them looks like what an
