@@ -92,7 +92,7 @@ std::vector<PointMatch> MatchByProjection(const Map& map, std::span<const int> p
   return matches;
 }
 
-void KeepConsistentRotations(std::span<const float> angles, std::vector<PointMatch>& matches) {
+void KeepConsistentRotations(std::span<const float> angles, std::vector<KeypointMatch>& matches) {
   constexpr int kBins = 30;
   constexpr double kTurn = 2.0 * std::numbers::pi;
   const auto bin_of = [](float angle) {
@@ -110,7 +110,7 @@ void KeepConsistentRotations(std::span<const float> angles, std::vector<PointMat
       keeps[static_cast<size_t>(near % kBins)] = true;
     }
   }
-  std::vector<PointMatch> kept;
+  std::vector<KeypointMatch> kept;
   for (size_t i = 0; i < matches.size(); ++i) {
     if (keeps[static_cast<size_t>(bin_of(angles[i]))]) kept.push_back(matches[i]);
   }
@@ -149,6 +149,20 @@ std::vector<KeypointMatch> MatchDescriptors(const FrameFeatures& a, const FrameF
     if (best_for_b[f.b].keypoint != static_cast<int>(i)) continue;
     matches.push_back({keypoints_a[i], keypoints_b[f.b]});
   }
+  return matches;
+}
+
+std::vector<KeypointMatch> MatchByLooks(const FrameFeatures& a, const FrameFeatures& b,
+                                        std::span<const int> keypoints_a,
+                                        std::span<const int> keypoints_b, int max_distance,
+                                        double max_ratio) {
+  std::vector<KeypointMatch> matches =
+      MatchDescriptors(a, b, keypoints_a, keypoints_b, max_distance, max_ratio);
+  std::vector<float> turns;
+  for (const KeypointMatch& match : matches) {
+    turns.push_back(b.keypoint(match.b).angle - a.keypoint(match.a).angle);
+  }
+  KeepConsistentRotations(turns, matches);
   return matches;
 }
 

@@ -94,19 +94,12 @@ class Verifier {
       }
       return keypoints;
     };
-    std::vector<PointMatch> kept;  // Keypoint of b, keypoint of a.
-    std::vector<float> turns;
     for (const KeypointMatch& match :
-         MatchDescriptors(features_a, features_b, with_point(a_), with_point(b_),
-                          kDescriptorDistance, kDescriptorRatio)) {
-      kept.push_back({match.b, match.a});
-      turns.push_back(features_b.keypoint(match.b).angle - features_a.keypoint(match.a).angle);
-    }
-    KeepConsistentRotations(turns, kept);
-    for (const PointMatch& match : kept) {
-      points_.emplace_back(a_.map.keyframe(a_.keyframe).point_of_keypoint[match.point],
-                           b_.map.keyframe(b_.keyframe).point_of_keypoint[match.keypoint]);
-      keypoints_.emplace_back(match.point, match.keypoint);
+         MatchByLooks(features_a, features_b, with_point(a_), with_point(b_), kDescriptorDistance,
+                      kDescriptorRatio)) {
+      points_.emplace_back(a_.map.keyframe(a_.keyframe).point_of_keypoint[match.a],
+                           b_.map.keyframe(b_.keyframe).point_of_keypoint[match.b]);
+      keypoints_.emplace_back(match.a, match.b);
     }
   }
 

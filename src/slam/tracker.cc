@@ -143,16 +143,11 @@ std::optional<std::pair<Rigid3, std::vector<PointMatch>>> Tracker::FindByDescrip
   }
   std::vector<int> all(static_cast<size_t>(features.size()));
   std::iota(all.begin(), all.end(), 0);
-  const std::vector<KeypointMatch> pairs =
-      MatchDescriptors(keyframe_features, features, with_point, all, kStrictDescriptorDistance + 14,
-                       kDescriptorRatio);
   std::vector<PointMatch> matches;
-  std::vector<float> turns;
-  for (const KeypointMatch& pair : pairs) {
+  for (const KeypointMatch& pair : MatchByLooks(keyframe_features, features, with_point, all,
+                                                kStrictDescriptorDistance + 14, kDescriptorRatio)) {
     matches.push_back({pair.b, points[pair.a]});
-    turns.push_back(features.keypoint(pair.b).angle - keyframe_features.keypoint(pair.a).angle);
   }
-  KeepConsistentRotations(turns, matches);
   if (static_cast<int>(matches.size()) < kMinPoseInliers) return std::nullopt;
   std::vector<Eigen::Vector3d> positions;
   std::vector<Eigen::Vector2d> normalized;

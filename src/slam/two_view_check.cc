@@ -63,19 +63,18 @@ class Matches {
   Matches(const Map& map, const PinholeIntrinsics& camera, int keyframe_a, int keyframe_b) {
     const FrameFeatures& a = map.features(keyframe_a);
     const FrameFeatures& b = map.features(keyframe_b);
-    std::vector<PointMatch> kept;  // Keypoint of a, keypoint of b.
+    std::vector<KeypointMatch> kept = MatchDescriptors(a, b, Detected(a), Detected(b),
+                                                       kStrictDescriptorDistance, kDescriptorRatio);
     std::vector<float> turns;
-    for (const KeypointMatch& match : MatchDescriptors(
-             a, b, Detected(a), Detected(b), kStrictDescriptorDistance, kDescriptorRatio)) {
-      kept.push_back({match.a, match.b});
+    for (const KeypointMatch& match : kept) {
       turns.push_back(a.keypoint(match.a).angle - b.keypoint(match.b).angle);
     }
     KeepConsistentRotations(turns, kept);
     LeaveOutStill(a, b, kept);
     const double focal = 0.5 * (camera.fx + camera.fy);
-    for (const PointMatch& match : kept) {
-      const Keypoint& in_a = a.keypoint(match.keypoint);
-      const Keypoint& in_b = b.keypoint(match.point);
+    for (const KeypointMatch& match : kept) {
+      const Keypoint& in_a = a.keypoint(match.a);
+      const Keypoint& in_b = b.keypoint(match.b);
       in_a_.push_back(camera.Normalize(in_a.undistorted.cast<double>()));
       in_b_.push_back(camera.Normalize(in_b.undistorted.cast<double>()));
       sigmas_.push_back(std::max(map.sigma(in_a.level), map.sigma(in_b.level)) / focal);

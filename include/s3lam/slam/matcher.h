@@ -47,20 +47,26 @@ std::vector<PointMatch> MatchByProjection(const Map& map, std::span<const int> p
                                           const FrameView& view, std::span<const uint8_t> taken,
                                           const ProjectionSearch& search);
 
-/// Drops the matches that turned in the image against the majority. `angles` holds, per match, the
-/// keypoint's angle minus that of the match's other side [rad].
-void KeepConsistentRotations(std::span<const float> angles, std::vector<PointMatch>& matches);
-
 /// A keypoint in each of two frames.
 struct KeypointMatch {
   int a = kNoIndex;
   int b = kNoIndex;
 };
 
+/// Drops the matches that turned in the image against the majority. `angles` holds, per match, the
+/// angle of its one keypoint minus that of the other [rad].
+void KeepConsistentRotations(std::span<const float> angles, std::vector<KeypointMatch>& matches);
+
 /// Nearest descriptors, both ways, with a ratio test; no use of place.
 std::vector<KeypointMatch> MatchDescriptors(const FrameFeatures& a, const FrameFeatures& b,
                                             std::span<const int> keypoints_a,
                                             std::span<const int> keypoints_b, int max_distance,
                                             double max_ratio);
+
+/// The same, without the matches that turned in the image against the majority.
+std::vector<KeypointMatch> MatchByLooks(const FrameFeatures& a, const FrameFeatures& b,
+                                        std::span<const int> keypoints_a,
+                                        std::span<const int> keypoints_b, int max_distance,
+                                        double max_ratio);
 
 }  // namespace s3lam
