@@ -14,6 +14,9 @@ constexpr int kMinFollowed = 20;  // Matches below which the search is widened.
 constexpr int kMinPoseInliers = 12;
 constexpr int kNeighboursOfKeyframe = 5;
 constexpr double kDescriptorRatio = 0.8;
+constexpr double kFairShareOfVisible = 0.1;
+constexpr double kFairShareOfLast = 0.5;
+constexpr double kClearlyBetter = 1.5;  // Ratio of matches.
 constexpr double kRansacThresholdPx = 4.0;
 constexpr int kCoverageColumns = 8;
 constexpr int kCoverageRows = 6;
@@ -70,6 +73,15 @@ std::vector<int> LocalPoints(const Map& map, const std::vector<int>& keyframes,
 int MostVoted(const Map& map, const std::vector<PointMatch>& matches) {
   const std::vector<int> keyframes = LocalKeyframes(map, matches, 1);
   return keyframes.empty() ? kNoIndex : keyframes.front();
+}
+
+/// Does a frame see a fair share of the points that it should, and of those that the one before it
+/// saw? A pose that a few matches fit by chance does not.
+bool SeesAsMuch(const FrameTrack& track, const FrameTrack& last) {
+  const auto found = static_cast<double>(track.matches.size());
+  const double expected = found + static_cast<double>(track.missed.size());
+  return found >= kFairShareOfVisible * expected &&
+         found >= kFairShareOfLast * static_cast<double>(last.matches.size());
 }
 
 }  // namespace
@@ -170,7 +182,7 @@ std::optional<std::pair<Rigid3, std::vector<PointMatch>>> Tracker::FindByDescrip
 FrameTrack Tracker::Track(const Map& map, int frame, const FrameTrack& last,
                           const Rigid3& predicted) const {
   FrameTrack near = TrackNear(map, frame, last, predicted);
-  if (near.tracked) return near;
+  if (near.tracked && SeesAsMuch(near, last)) return near;
   const int keyframe = last.reference_keyframe;
   if (keyframe == kNoIndex || !map.keyframe(keyframe).alive) return near;
   auto found = FindByDescriptors(map, frame, keyframe);
@@ -178,7 +190,10 @@ FrameTrack Tracker::Track(const Map& map, int frame, const FrameTrack& last,
   auto& [pose, matches] = *found;
   if (Refine(map, frame, pose, matches) < kMinPoseInliers) return near;
   FrameTrack track = TrackLocalMap(map, frame, pose, matches, options_.map_radius_px);
-  return track.matches.size() > near.matches.size() ? track : near;
+  const double margin = near.tracked ? kClearlyBetter : 1.0;
+  const bool is_better =
+      static_cast<double>(track.matches.size()) > margin * static_cast<double>(near.matches.size());
+  return is_better ? track : near;
 }
 
 FrameTrack Tracker::TrackNear(const Map& map, int frame, const FrameTrack& near,

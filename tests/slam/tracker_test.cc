@@ -29,5 +29,57 @@ TEST(NeedsKeyframe, WhereHalfOfTheImageShowsWhatIsNotMapped) {
   EXPECT_TRUE(tracker.NeedsKeyframe(map, 0, everywhere, options.max_keyframe_gap));
 }
 
+/// Points all over the image of a camera at the origin, whose descriptors resemble one another as
+/// those of a meadow do.
+testing::PointCloud MakeMeadow(const Undistorter& undistorter, int count) {
+  constexpr int kBytesOfItsOwn = 18;
+  Rng rng(5);
+  testing::PointCloud cloud;
+  const BinaryDescriptor common = testing::MakeDescriptor(rng);
+  for (int i = 0; i < count; ++i) {
+    const Eigen::Vector2d pixel(rng.Uniform(1.0, undistorter.camera().width - 1.0),
+                                rng.Uniform(1.0, undistorter.camera().height - 1.0));
+    cloud.points.push_back(rng.Uniform(3.0, 7.0) *
+                           undistorter.intrinsics().Normalize(pixel).homogeneous());
+    BinaryDescriptor descriptor = common;
+    for (int byte = 0; byte < kBytesOfItsOwn; ++byte) {
+      descriptor[static_cast<size_t>(byte)] = static_cast<uint8_t>(rng.Below(256));
+    }
+    cloud.descriptors.push_back(descriptor);
+  }
+  return cloud;
+}
+
+TEST(Track, IsNotMisledByMatchesThatFitByChance) {
+  const Undistorter undistorter(testing::MakeTestCamera(CameraModel::kPinhole));
+  Rng rng(2);
+  const testing::PointCloud cloud = MakeMeadow(undistorter, 1500);
+  // A turn by far more than the search windows, which the motion so far does not tell.
+  const Rigid3 turned{QuaternionFromRotationVector(Eigen::Vector3d(0.0, 0.15, 0.0)), {}};
+  std::vector<FrameFeatures> frames{testing::SeeCloud(cloud, {}, undistorter, 0.0, rng),
+                                    testing::SeeCloud(cloud, turned, undistorter, 0.5, rng)};
+  ASSERT_EQ(frames[0].size(), static_cast<int>(cloud.points.size()));
+  Map map(frames, FeatureOptions{});
+  FrameTrack last;
+  last.tracked = true;
+  last.reference_keyframe = map.AddKeyframe(0, {});
+  for (int i = 0; i < frames[0].size(); ++i) {
+    const int point = map.AddPoint(cloud.points[static_cast<size_t>(i)], last.reference_keyframe);
+    map.AddObservation(point, {last.reference_keyframe, i});
+    map.UpdateAppearance(point);
+    map.UpdateGeometry(point);
+    last.matches.push_back({i, point});
+  }
+  const TrackerOptions options;
+  const Tracker tracker(options, undistorter);
+  const FrameTrack misled = tracker.TrackNear(map, 1, last, {});
+  ASSERT_TRUE(misled.tracked);
+  EXPECT_GT(RotationAngle(misled.cam_from_world.rotation, turned.rotation), 0.05);
+  const FrameTrack track = tracker.Track(map, 1, last, {});
+  ASSERT_TRUE(track.tracked);
+  EXPECT_LT(RotationAngle(track.cam_from_world.rotation, turned.rotation), 0.001);
+  EXPECT_GT(track.matches.size(), 1000U);
+}
+
 }  // namespace
 }  // namespace s3lam

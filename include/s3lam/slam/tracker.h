@@ -45,8 +45,8 @@ class Tracker {
   Tracker(const TrackerOptions& options, const Undistorter& undistorter)
       : options_(options), undistorter_(undistorter) {}
 
-  /// Follows the points of `last` into `frame`, `predicted` being where the motion so far puts it;
-  /// then looks for all points of the local map. Not tracked if too few are found.
+  /// Follows the points of `last` into `frame`, `predicted` being where the motion so far puts it,
+  /// or finds it by looks if that gives few; then looks for the local map. Not tracked if in vain.
   FrameTrack Track(const Map& map, int frame, const FrameTrack& last,
                    const Rigid3& predicted) const;
 
