@@ -2,6 +2,7 @@
 
 #include <Eigen/SVD>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <numeric>
@@ -55,9 +56,15 @@ std::optional<InitialPair> BestOf(std::vector<InitialPair> pairs, double rotatio
 
 }  // namespace
 
+void PairEvaluator::ChooseViews(int start, int gap) {
+  const int steps = std::min(gap, kViewsOfPair - 1);
+  views_.clear();
+  for (int i = 0; i <= steps; ++i) views_.push_back(start + i * gap / steps);
+}
+
 std::optional<InitialPair> PairEvaluator::Evaluate(int start, int gap,
                                                    const std::vector<Track>& tracks) {
-  views_ = {start, start + gap / 3, start + 2 * gap / 3, start + gap};
+  ChooseViews(start, gap);
   tracks_.clear();
   for (const Track& track : tracks) {
     if (track.keypoint_of_frame[gap] >= 0) tracks_.push_back(&track);
@@ -67,7 +74,7 @@ std::optional<InitialPair> PairEvaluator::Evaluate(int start, int gap,
   std::vector<Eigen::Vector2d> normalized_b;
   for (const Track* track : tracks_) {
     normalized_a.push_back(camera_.Normalize(*Pixel(*track, 0)));
-    normalized_b.push_back(camera_.Normalize(*Pixel(*track, kViewsOfPair - 1)));
+    normalized_b.push_back(camera_.Normalize(*Pixel(*track, NumViews() - 1)));
   }
   const double threshold = 2.0 / (0.5 * (camera_.fx + camera_.fy));
   std::vector<InitialPair> pairs;
@@ -87,8 +94,9 @@ std::optional<InitialPair> PairEvaluator::Evaluate(int start, int gap,
 std::optional<InitialPair> PairEvaluator::EvaluateMotion(const Rigid3& b_from_a) const {
   BaProblem problem;
   problem.camera = camera_;
-  problem.pose_is_fixed = {1, 0, 0, 0};
-  problem.poses.assign(kViewsOfPair, Rigid3{});
+  problem.pose_is_fixed.assign(views_.size(), 0);
+  problem.pose_is_fixed.front() = 1;
+  problem.poses.assign(views_.size(), Rigid3{});
   problem.poses.back() = b_from_a;
   std::vector<int> point_of_track = TriangulateTracks(b_from_a, problem);
   if (static_cast<int>(problem.points.size()) < options_.min_points ||
@@ -108,14 +116,14 @@ std::vector<int> PairEvaluator::TriangulateTracks(const Rigid3& b_from_a,
   std::vector<int> point_of_track(tracks_.size(), -1);
   for (size_t t = 0; t < tracks_.size(); ++t) {
     const Eigen::Vector2d a = *Pixel(*tracks_[t], 0);
-    const Eigen::Vector2d b = *Pixel(*tracks_[t], kViewsOfPair - 1);
+    const Eigen::Vector2d b = *Pixel(*tracks_[t], NumViews() - 1);
     const std::array<ViewingRay, 2> rays{ViewingRay{Rigid3{}, camera_.Normalize(a)},
                                          ViewingRay{b_from_a, camera_.Normalize(b)}};
     auto point = Triangulate(rays);
     if (!point || point->norm() > kFarthest) point = kFarthest * Bearing(a);
     const double error =
         SquaredError(camera_, Rigid3{}, *point, a, InverseSigma(*tracks_[t], 0)) +
-        SquaredError(camera_, b_from_a, *point, b, InverseSigma(*tracks_[t], kViewsOfPair - 1));
+        SquaredError(camera_, b_from_a, *point, b, InverseSigma(*tracks_[t], NumViews() - 1));
     if (error > 2.0 * kCappedError) continue;
     point_of_track[t] = static_cast<int>(problem.points.size());
     problem.points.push_back(*point);
@@ -126,14 +134,14 @@ std::vector<int> PairEvaluator::TriangulateTracks(const Rigid3& b_from_a,
 double PairEvaluator::RotationOnlyError() const {
   std::vector<Eigen::Vector3d> directions;  // Per track, in the first view.
   for (const Track* track : tracks_) directions.push_back(Bearing(*Pixel(*track, 0)));
-  std::array<Rigid3, kViewsOfPair> turns;
+  std::vector<Rigid3> turns(views_.size());
   for (int round = 0; round < kRotationRounds; ++round) {
-    for (int view = 0; view < kViewsOfPair; ++view) turns[view] = FitTurn(directions, view);
+    for (int view = 0; view < NumViews(); ++view) turns[view] = FitTurn(directions, view);
     directions = MeanDirections(turns);
   }
   double sum = 0.0;
   size_t count = 0;
-  for (int view = 0; view < kViewsOfPair; ++view) {
+  for (int view = 0; view < NumViews(); ++view) {
     for (size_t t = 0; t < tracks_.size(); ++t) {
       const auto pixel = Pixel(*tracks_[t], view);
       if (!pixel) continue;
@@ -146,10 +154,9 @@ double PairEvaluator::RotationOnlyError() const {
   return count > 0 ? sum / static_cast<double>(count) : 0.0;
 }
 
-std::vector<Eigen::Vector3d> PairEvaluator::MeanDirections(
-    const std::array<Rigid3, kViewsOfPair>& turns) const {
+std::vector<Eigen::Vector3d> PairEvaluator::MeanDirections(const std::vector<Rigid3>& turns) const {
   std::vector<Eigen::Vector3d> directions(tracks_.size(), Eigen::Vector3d::Zero());
-  for (int view = 0; view < kViewsOfPair; ++view) {
+  for (int view = 0; view < NumViews(); ++view) {
     for (size_t t = 0; t < tracks_.size(); ++t) {
       const auto pixel = Pixel(*tracks_[t], view);
       if (!pixel) continue;
@@ -209,7 +216,7 @@ Rigid3 PairEvaluator::FitRotation(const std::vector<Eigen::Vector3d>& from,
 
 bool PairEvaluator::PoseInnerViews(const std::vector<int>& point_of_track,
                                    BaProblem& problem) const {
-  for (int view = 1; view < kViewsOfPair - 1; ++view) {
+  for (int view = 1; view < NumViews() - 1; ++view) {
     const double share = static_cast<double>(views_[view] - views_[0]) /
                          static_cast<double>(views_.back() - views_[0]);
     Rigid3& pose = problem.poses[view];
@@ -232,7 +239,7 @@ void PairEvaluator::AddObservations(const std::vector<int>& point_of_track,
                                     BaProblem& problem) const {
   for (size_t t = 0; t < tracks_.size(); ++t) {
     if (point_of_track[t] < 0) continue;
-    for (int view = 0; view < kViewsOfPair; ++view) {
+    for (int view = 0; view < NumViews(); ++view) {
       const auto pixel = Pixel(*tracks_[t], view);
       if (!pixel) continue;
       problem.observations.push_back(
@@ -254,8 +261,8 @@ std::optional<InitialPair> PairEvaluator::Score(const std::vector<int>& point_of
     ++count;
   }
   const size_t num_lost = tracks_.size() - problem.points.size();
-  sum += kCappedError * kViewsOfPair * static_cast<double>(num_lost);
-  count += num_lost * kViewsOfPair;
+  sum += kCappedError * NumViews() * static_cast<double>(num_lost);
+  count += num_lost * NumViews();
   InitialPair pair;
   pair.frame_a = views_.front();
   pair.frame_b = views_.back();
@@ -268,8 +275,7 @@ std::optional<InitialPair> PairEvaluator::Score(const std::vector<int>& point_of
     if (p < 0 || worst[p] > 5.991) continue;
     const Eigen::Vector3d& x = problem.points[p];
     if (x.z() <= 0.0 || (pair.b_from_a * x).z() <= 0.0 || IsFar(x)) continue;
-    pair.points.push_back(
-        {KeypointOf(*tracks_[t], 0), KeypointOf(*tracks_[t], kViewsOfPair - 1), x});
+    pair.points.push_back({KeypointOf(*tracks_[t], 0), KeypointOf(*tracks_[t], NumViews() - 1), x});
     depths.push_back(x.z());
     angles.push_back(ParallaxAngle(x, Eigen::Vector3d::Zero(), pair.b_from_a.CenterInB()) *
                      kDegrees);

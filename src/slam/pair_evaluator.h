@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <optional>
 #include <span>
 #include <vector>
@@ -11,7 +10,8 @@
 
 namespace s3lam::internal {
 
-constexpr int kViewsOfPair = 4;  // First, two between, last.
+constexpr int kViewsOfPair = 4;     // First, two between, last;
+constexpr int kMinViewsOfPair = 3;  // or one between, where the two are that near.
 
 /// A keypoint of the starting frame, followed.
 struct Track {
@@ -44,6 +44,10 @@ class PairEvaluator {
     return 1.0 / frames_[views_[view]].keypoint(KeypointOf(track, view)).sigma;
   }
 
+  /// At most kViewsOfPair, the others evenly between the first and the last.
+  void ChooseViews(int start, int gap);
+  [[nodiscard]] int NumViews() const { return static_cast<int>(views_.size()); }
+
   /// Triangulates from the outer views, poses the inner ones, adjusts, and scores over all tracks.
   [[nodiscard]] std::optional<InitialPair> EvaluateMotion(const Rigid3& b_from_a) const;
 
@@ -60,8 +64,7 @@ class PairEvaluator {
   }
 
   /// Where each track points to in the first view, averaged over all views.
-  [[nodiscard]] std::vector<Eigen::Vector3d> MeanDirections(
-      const std::array<Rigid3, kViewsOfPair>& turns) const;
+  [[nodiscard]] std::vector<Eigen::Vector3d> MeanDirections(const std::vector<Rigid3>& turns) const;
 
   /// The rotation from these directions to what a view sees.
   [[nodiscard]] Rigid3 FitTurn(const std::vector<Eigen::Vector3d>& directions, int view) const;
@@ -82,7 +85,7 @@ class PairEvaluator {
   const InitializerOptions& options_;
   std::span<const FrameFeatures> frames_;
   PinholeIntrinsics camera_;
-  std::array<int, kViewsOfPair> views_{};
+  std::vector<int> views_;
   std::vector<const Track*> tracks_;
 };
 
