@@ -1,14 +1,17 @@
 #include "s3lam/slam/initializer.h"
 
 #include <algorithm>
+#include <numeric>
 
 #include "pair_evaluator.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/base/statistics.h"
+#include "s3lam/slam/matcher.h"
 
 namespace s3lam {
 namespace {
 
+using internal::kMinViewsOfPair;
 using internal::kViewsOfPair;
 using internal::PairEvaluator;
 using internal::Track;
@@ -22,7 +25,20 @@ constexpr double kFlowGrowth = 1.4;     // Between tries.
 constexpr double kTrackLoss = 1.4;      // Between tries of a thorough search.
 constexpr double kLessParallax = 0.5;   // That a thorough search is content with.
 constexpr double kGoodErrorGain = 6.0;  // The depth of a typical track is known to a fifth.
+constexpr double kLooksRatio = 0.8;     // Where nothing but looks tells what is matched.
+constexpr double kApart = 0.05;         // Flow per frame, of the longer side, for which that is.
 constexpr size_t kStartsAtOnce = 8;     // A fixed number, so that threads change nothing.
+
+/// How a search is made, from the one of most sequences to what is left where it finds nothing.
+enum class Search {
+  kUsual,
+  kThorough,  // Tries what is left of the tracks whenever many have ended: on a straight drive what
+              // is near and flows much is soon lost.
+  kByLooks,   // The same for images far apart: the first step is found without place, and three
+              // views do.
+};
+
+int MinViews(Search search) { return search == Search::kByLooks ? kMinViewsOfPair : kViewsOfPair; }
 
 std::vector<Track> StartTracks(const FrameFeatures& frame) {
   std::vector<Track> tracks(static_cast<size_t>(frame.size()));
@@ -33,7 +49,46 @@ std::vector<Track> StartTracks(const FrameFeatures& frame) {
   return tracks;
 }
 
-/// Finds each track in the next frame; returns how many were found.
+/// Takes tracks on to the keypoints of the next frame, of which each has its track or -1; returns
+/// how many were found.
+int MoveTracks(const FrameFeatures& next, std::span<const int> track_of_keypoint,
+               std::vector<Track>& tracks) {
+  for (Track& track : tracks) {
+    track.keypoint_of_frame.push_back(-1);
+    ++track.missed;
+  }
+  int found = 0;
+  for (int i = 0; i < next.size(); ++i) {
+    if (track_of_keypoint[i] < 0) continue;
+    Track& track = tracks[track_of_keypoint[i]];
+    const Eigen::Vector2d position = next.keypoint(i).undistorted.cast<double>();
+    track.velocity = (position - track.position) / track.missed;
+    track.position = position;
+    track.keypoint_of_frame.back() = i;
+    track.missed = 0;
+    ++found;
+  }
+  return found;
+}
+
+/// Finds the keypoints of one frame anywhere in the next, and keeps the tracks of those alone.
+int BeginTracksByLooks(const FrameFeatures& start, const FrameFeatures& next,
+                       std::vector<Track>& tracks) {
+  std::vector<int> all_of_start(static_cast<size_t>(start.size()));
+  std::vector<int> all_of_next(static_cast<size_t>(next.size()));
+  std::iota(all_of_start.begin(), all_of_start.end(), 0);
+  std::iota(all_of_next.begin(), all_of_next.end(), 0);
+  std::vector<int> track_of_keypoint(static_cast<size_t>(next.size()), -1);
+  for (const KeypointMatch& match :
+       MatchByLooks(start, next, all_of_start, all_of_next, kMaxDescriptorDistance, kLooksRatio)) {
+    track_of_keypoint[match.b] = match.a;
+  }
+  const int found = MoveTracks(next, track_of_keypoint, tracks);
+  std::erase_if(tracks, [](const Track& track) { return track.missed > 0; });
+  return found;
+}
+
+/// Finds each track in the next frame near where it moves to; returns how many were found.
 int ExtendTracks(const FrameFeatures& start, const FrameFeatures& next, double radius,
                  std::vector<Track>& tracks) {
   struct Best {
@@ -62,22 +117,9 @@ int ExtendTracks(const FrameFeatures& start, const FrameFeatures& next, double r
     Best& current = best_of_keypoint[best.track];
     if (best.distance < current.distance) current = {static_cast<int>(t), best.distance};
   }
-  for (Track& track : tracks) {
-    track.keypoint_of_frame.push_back(-1);
-    ++track.missed;
-  }
-  int found = 0;
-  for (int i = 0; i < next.size(); ++i) {
-    if (best_of_keypoint[i].track < 0) continue;
-    Track& track = tracks[best_of_keypoint[i].track];
-    const Eigen::Vector2d position = next.keypoint(i).undistorted.cast<double>();
-    track.velocity = (position - track.position) / track.missed;
-    track.position = position;
-    track.keypoint_of_frame.back() = i;
-    track.missed = 0;
-    ++found;
-  }
-  return found;
+  std::vector<int> track_of_keypoint;
+  for (const Best& best : best_of_keypoint) track_of_keypoint.push_back(best.track);
+  return MoveTracks(next, track_of_keypoint, tracks);
 }
 
 double MedianFlow(const FrameFeatures& start, const std::vector<Track>& tracks) {
@@ -97,12 +139,13 @@ double Quality(const InitializerOptions& options, const InitialPair& pair) {
          std::min(1.0, gain / kGoodErrorGain);
 }
 
-/// The best pair that begins with frame `start`. A thorough search also tries what is left of the
-/// tracks whenever many have ended: on a straight drive what is near and flows much is soon lost.
+/// The best pair that begins with frame `start`.
 std::optional<InitialPair> BestPairFrom(const InitializerOptions& options,
                                         std::span<const FrameFeatures> frames,
-                                        const Undistorter& undistorter, int start, bool thorough) {
+                                        const Undistorter& undistorter, int start, Search search) {
   const int end = static_cast<int>(frames.size());
+  const bool thorough = search != Search::kUsual;
+  const bool by_looks = search == Search::kByLooks;
   const double side = std::max(undistorter.camera().width, undistorter.camera().height);
   PairEvaluator evaluator(options, frames, undistorter);
   std::vector<Track> tracks = StartTracks(frames[start]);
@@ -110,13 +153,16 @@ std::optional<InitialPair> BestPairFrom(const InitializerOptions& options,
   double next_found = thorough ? static_cast<double>(tracks.size()) : 0.0;
   std::optional<InitialPair> best;
   for (int gap = 1; gap <= options.max_gap && start + gap < end; ++gap) {
-    const int found =
-        ExtendTracks(frames[start], frames[start + gap], kSearchRadius * side, tracks);
+    const FrameFeatures& next = frames[start + gap];
+    const int found = by_looks && gap == 1
+                          ? BeginTracksByLooks(frames[start], next, tracks)
+                          : ExtendTracks(frames[start], next, kSearchRadius * side, tracks);
     if (found < options.min_matches) break;
     const double flow = MedianFlow(frames[start], tracks);
+    if (by_looks && gap == 1 && flow < kApart * side) break;
     const bool is_last = thorough && (gap == options.max_gap || start + gap + 1 == end);
     const bool is_worth_a_try = flow >= next_flow || found <= next_found || is_last;
-    if (gap < kViewsOfPair - 1 || !is_worth_a_try) continue;
+    if (gap < MinViews(search) - 1 || !is_worth_a_try) continue;
     if (flow >= next_flow) next_flow = kFlowGrowth * flow;
     if (thorough) next_found = found / kTrackLoss;
     const auto pair = evaluator.Evaluate(start, gap, tracks);
@@ -130,17 +176,17 @@ std::optional<InitialPair> BestPairFrom(const InitializerOptions& options,
 std::optional<InitialPair> BestPair(const InitializerOptions& options,
                                     std::span<const FrameFeatures> frames,
                                     const Undistorter& undistorter, int num_threads,
-                                    bool thorough) {
+                                    Search search) {
   const int end = static_cast<int>(frames.size());
   const int step = std::max(1, end / options.num_starts);
   std::vector<int> starts;
-  for (int start = 0; start + kViewsOfPair <= end; start += step) starts.push_back(start);
+  for (int start = 0; start + MinViews(search) <= end; start += step) starts.push_back(start);
   std::optional<InitialPair> best;
   for (size_t first = 0; first < starts.size(); first += kStartsAtOnce) {
     const size_t count = std::min(kStartsAtOnce, starts.size() - first);
     std::vector<std::optional<InitialPair>> found(count);
     ParallelFor(count, num_threads, [&](size_t i) {
-      found[i] = BestPairFrom(options, frames, undistorter, starts[first + i], thorough);
+      found[i] = BestPairFrom(options, frames, undistorter, starts[first + i], search);
     });
     for (const auto& pair : found) {
       if (pair && (!best || Quality(options, *pair) > Quality(options, *best))) best = pair;
@@ -168,12 +214,13 @@ void InitializerOptions::Visit(OptionVisitor& v) {
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
                                            std::span<const FrameFeatures> frames,
                                            const Undistorter& undistorter, int num_threads) {
-  if (auto pair = BestPair(options, frames, undistorter, num_threads, /*thorough=*/false)) {
-    return pair;
-  }
+  if (auto pair = BestPair(options, frames, undistorter, num_threads, Search::kUsual)) return pair;
   InitializerOptions content = options;
   content.min_parallax_deg *= kLessParallax;
-  return BestPair(content, frames, undistorter, num_threads, /*thorough=*/true);
+  if (auto pair = BestPair(content, frames, undistorter, num_threads, Search::kThorough)) {
+    return pair;
+  }
+  return BestPair(options, frames, undistorter, num_threads, Search::kByLooks);
 }
 
 }  // namespace s3lam

@@ -76,6 +76,41 @@ TEST_F(InitializerTest, StartsOnAFastStraightDrive) {
   ExpectRightMotion(*pair);
 }
 
+TEST_F(InitializerTest, StartsWhereThreeImagesOverlapByThreeQuarters) {
+  Rng rng(8);
+  testing::PointCloud cloud;
+  for (int i = 0; i < 1500; ++i) {
+    cloud.points.emplace_back(rng.Uniform(-3.0, 6.0), rng.Uniform(-2.0, 2.0),
+                              rng.Uniform(3.5, 5.0));
+    cloud.descriptors.push_back(testing::MakeDescriptor(rng));
+  }
+  std::vector<FrameFeatures> frames;
+  for (int i = 0; i < 3; ++i) {  // The second step is turned as well, as a drone in gusts is.
+    const Eigen::Vector3d turn(i == 2 ? 0.05 : 0.0, 0.0, 0.0);
+    poses_.push_back({QuaternionFromRotationVector(turn), {-1.3 * i, 0.0, 0.0}});
+    frames.push_back(testing::SeeCloud(cloud, poses_.back(), undistorter_, 0.5, rng));
+  }
+  const auto pair = FindInitialPair({}, frames, undistorter_, 1);
+  ASSERT_TRUE(pair.has_value());
+  EXPECT_EQ(pair->frame_b - pair->frame_a, 2);
+  ExpectRightMotion(*pair);
+}
+
+TEST_F(InitializerTest, RefusesImagesOfDifferentPlaces) {
+  Rng rng(8);
+  std::vector<FrameFeatures> frames;
+  for (uint64_t i = 0; i < 8; ++i) {
+    frames.push_back(testing::SeeCloud(testing::MakeCloud(600, /*planar=*/false, i), {},
+                                       undistorter_, 0.5, rng));
+  }
+  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_, 1).has_value());
+}
+
+TEST_F(InitializerTest, RefusesARotationByAQuarterOfTheImageEach) {
+  const auto frames = MakeFrames(false, Eigen::Vector3d::Zero(), {0.0, 0.25, 0.0});
+  EXPECT_FALSE(FindInitialPair({}, frames, undistorter_, 1).has_value());
+}
+
 TEST_F(InitializerTest, RefusesAPureRotation) {
   const auto frames = MakeFrames(false, Eigen::Vector3d::Zero(), {0.002, 0.012, 0.0});
   EXPECT_FALSE(FindInitialPair({}, frames, undistorter_, 1).has_value());

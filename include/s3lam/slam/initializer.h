@@ -59,10 +59,10 @@ struct InitialPair {
 /// from essential matrix and homography; the one that explains two intermediate frames best, after
 /// bundle adjustment, wins, which settles the planar ambiguity. A pair is good when it has parallax
 /// and points enough and explains the images far better than a mere rotation does. Stops after the
-/// first few starting frames that give a good one, else returns the best acceptable pair. Where none
-/// is (on a straight, fast drive points with much parallax are soon out of sight) the search is
-/// repeated with more tries along the tracks, for half of min_parallax_deg. Empty if that finds none
-/// (no parallax, too few matches). The number of threads changes nothing.
+/// first few starting frames that give a good one, else returns the best acceptable pair. If none
+/// is, a search with more tries along the tracks, for half of min_parallax_deg, follows (fast,
+/// straight drives), then one with a first step by looks alone and three views (images far apart).
+/// Empty if that finds none (no parallax, too few matches). Threads change nothing.
 std::optional<InitialPair> FindInitialPair(const InitializerOptions& options,
                                            std::span<const FrameFeatures> frames,
                                            const Undistorter& undistorter, int num_threads);
