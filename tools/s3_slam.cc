@@ -199,8 +199,9 @@ std::string Table(const slam::Report& report, size_t num_left_out, const std::st
   for (const slam::StretchReport& stretch : report.stretches) {
     if (stretch.state == slam::StretchReport::State::kGood) continue;
     const bool lost = stretch.state == slam::StretchReport::State::kLost;
-    table += fmt::format("{}     frames {} to {}\n", lost ? "not localised  " : "little trusted ",
-                         stretch.first_frame, stretch.last_frame);
+    table += fmt::format("{}     frames {} to {}{}\n", lost ? "not localised  " : "little trusted ",
+                         stretch.first_frame, stretch.last_frame,
+                         stretch.doubt ? fmt::format(": {}", Describe(*stretch.doubt)) : "");
   }
   if (main.initial_other_motions > 0) {
     table += fmt::format("planar start        {} other motions, error {:.2f} for {:.2f} sigma^2\n",

@@ -1,6 +1,7 @@
 #include "s3lam/slam/report.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -28,17 +29,30 @@ const char* Name(StretchReport::State state) {
   return "";
 }
 
-StretchReport::State StateOf(const FrameReport& frame) {
-  if (!frame.localized()) return StretchReport::State::kLost;
-  return frame.trust >= kGoodTrust ? StretchReport::State::kGood : StretchReport::State::kWeak;
+StretchReport::State StateOf(int map, double trust) {
+  if (map < 0) return StretchReport::State::kLost;
+  return trust >= kGoodTrust ? StretchReport::State::kGood : StretchReport::State::kWeak;
+}
+
+/// In the order of StretchReport::Doubt.
+std::array<double, 4> TrustFactors(const FrameReport& frame) {
+  return {std::min(1.0, static_cast<double>(frame.num_inliers) / kEnoughInliers),
+          std::min(1.0, frame.spread / kEnoughSpread), 1.0 / std::max(1.0, frame.rms_sigma),
+          1.0 - Refutation(frame.contradiction)};
 }
 
 int Length(const StretchReport& stretch) { return stretch.last_frame - stretch.first_frame + 1; }
+
+double MeanTrust(const StretchReport& a, const StretchReport& b) {
+  return (Length(a) * a.mean_trust + Length(b) * b.mean_trust) / (Length(a) + Length(b));
+}
 
 void Append(const StretchReport& stretch, std::vector<StretchReport>& stretches) {
   if (!stretches.empty()) {
     StretchReport& last = stretches.back();
     if (last.map == stretch.map && (last.state == stretch.state || last.map < 0)) {
+      last.mean_trust = MeanTrust(last, stretch);
+      last.min_trust = std::min(last.min_trust, stretch.min_trust);
       last.last_frame = stretch.last_frame;
       return;
     }
@@ -46,20 +60,37 @@ void Append(const StretchReport& stretch, std::vector<StretchReport>& stretches)
   stretches.push_back(stretch);
 }
 
-/// Short stretches that differ in trust alone from the longer one before or after join it.
+/// Short stretches that differ in trust alone from the one before or after join it, unless its mean
+/// trust would then belie its state.
 std::vector<StretchReport> JoinShort(const std::vector<StretchReport>& stretches) {
   std::vector<StretchReport> joined;
   for (size_t i = 0; i < stretches.size(); ++i) {
     StretchReport stretch = stretches[i];
+    const auto can_join = [&](const StretchReport& other) {
+      return other.map == stretch.map &&
+             StateOf(other.map, MeanTrust(other, stretch)) == other.state;
+    };
     const bool is_short = stretch.map >= 0 && Length(stretch) < kMinStretchFrames;
-    if (is_short && !joined.empty() && joined.back().map == stretch.map) {
+    if (is_short && !joined.empty() && can_join(joined.back())) {
       stretch.state = joined.back().state;
-    } else if (is_short && i + 1 < stretches.size() && stretches[i + 1].map == stretch.map) {
+    } else if (is_short && i + 1 < stretches.size() && can_join(stretches[i + 1])) {
       stretch.state = stretches[i + 1].state;
     }
     Append(stretch, joined);
   }
   return joined;
+}
+
+/// The factor of trust that is lowest over the frames of the stretch.
+StretchReport::Doubt WorstDoubt(const std::vector<FrameReport>& frames,
+                                const StretchReport& stretch) {
+  std::array<double, 4> sums{};
+  for (int i = stretch.first_frame; i <= stretch.last_frame; ++i) {
+    const std::array<double, 4> factors = TrustFactors(frames[i]);
+    for (size_t f = 0; f < sums.size(); ++f) sums[f] += factors[f];
+  }
+  return static_cast<StretchReport::Doubt>(std::min_element(sums.begin(), sums.end()) -
+                                           sums.begin());
 }
 
 nlohmann::json ToJson(const LoopReport& loop) {
@@ -114,6 +145,7 @@ nlohmann::json ToJson(const StretchReport& stretch) {
   return {{"frames", {stretch.first_frame, stretch.last_frame}},
           {"map", stretch.map},
           {"state", Name(stretch.state)},
+          {"doubt", stretch.doubt ? nlohmann::json(Describe(*stretch.doubt)) : nlohmann::json()},
           {"mean_trust", stretch.mean_trust},
           {"min_trust", stretch.min_trust}};
 }
@@ -155,9 +187,23 @@ double FocalReport::Sigma() const {
 bool FocalReport::IsDetermined() const { return Sigma() <= kMaxRelativeFocalSigma * refined; }
 
 double FrameTrust(const FrameReport& frame) {
-  return std::min(1.0, static_cast<double>(frame.num_inliers) / kEnoughInliers) *
-         std::min(1.0, frame.spread / kEnoughSpread) / std::max(1.0, frame.rms_sigma) *
-         (1.0 - Refutation(frame.contradiction));
+  double trust = 1.0;
+  for (const double factor : TrustFactors(frame)) trust *= factor;
+  return trust;
+}
+
+const char* Describe(StretchReport::Doubt doubt) {
+  switch (doubt) {
+    case StretchReport::Doubt::kFewPoints:
+      return "few points";
+    case StretchReport::Doubt::kSmallPart:
+      return "points in a small part of the image";
+    case StretchReport::Doubt::kLargeResiduals:
+      return "large residuals";
+    case StretchReport::Doubt::kRefuted:
+      return "refuted by two views";
+  }
+  return "";
 }
 
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames) {
@@ -166,16 +212,13 @@ std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames)
     StretchReport frame;
     frame.first_frame = frame.last_frame = i;
     frame.map = frames[i].map;
-    frame.state = StateOf(frames[i]);
+    frame.mean_trust = frame.min_trust = frames[i].trust;
+    frame.state = StateOf(frame.map, frame.mean_trust);
     Append(frame, stretches);
   }
   stretches = JoinShort(stretches);
   for (StretchReport& stretch : stretches) {
-    stretch.min_trust = 1.0;
-    for (int i = stretch.first_frame; i <= stretch.last_frame; ++i) {
-      stretch.mean_trust += frames[i].trust / Length(stretch);
-      stretch.min_trust = std::min(stretch.min_trust, frames[i].trust);
-    }
+    if (stretch.state == StretchReport::State::kWeak) stretch.doubt = WorstDoubt(frames, stretch);
   }
   return stretches;
 }

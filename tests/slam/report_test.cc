@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 namespace s3lam::slam {
 namespace {
@@ -62,6 +63,52 @@ TEST(Stretches, AreCutWhereMapOrTrustChange) {
   EXPECT_EQ(stretches[3].map, 1);
   EXPECT_NEAR(stretches[3].mean_trust, 1.0, 1e-12);
   EXPECT_EQ(stretches[3].last_frame, 68);
+}
+
+TEST(Stretches, AreWeakOnlyIfTheirMeanTrustIs) {
+  const auto stretches = FindStretches(
+      MakeFrames({{5, 0, 0.4}, {4, 0, 1.0}, {1, 0, 0.4}, {4, 0, 1.0}, {6, 0, 0.1}, {2, 0, 0.6}}));
+  for (const StretchReport& stretch : stretches) {
+    EXPECT_EQ(stretch.state == StretchReport::State::kGood, stretch.mean_trust >= 0.5)
+        << stretch.first_frame;
+  }
+  ASSERT_EQ(stretches.size(), 3U);
+  EXPECT_EQ(stretches[0].state, StretchReport::State::kWeak);
+  EXPECT_EQ(stretches[1].first_frame, 5);  // Few, but they would belie what is around them.
+  EXPECT_EQ(stretches[1].last_frame, 13);
+  EXPECT_EQ(stretches[2].last_frame, 21);
+}
+
+TEST(Stretches, OfLittleTrustSayWhy) {
+  using Doubt = StretchReport::Doubt;
+  const auto doubt = [](int inliers, double spread, double rms_sigma, double contradiction) {
+    FrameReport frame;
+    frame.map = 0;
+    frame.num_inliers = inliers;
+    frame.spread = spread;
+    frame.rms_sigma = rms_sigma;
+    frame.contradiction = contradiction;
+    frame.trust = FrameTrust(frame);
+    const auto stretches = FindStretches(std::vector<FrameReport>(9, frame));
+    EXPECT_EQ(stretches.size(), 1U);
+    return stretches.front().doubt;
+  };
+  EXPECT_EQ(doubt(300, 1.0, 0.7, 0.0), std::nullopt);
+  EXPECT_EQ(doubt(12, 0.4, 1.1, 0.01), Doubt::kFewPoints);
+  EXPECT_EQ(doubt(50, 0.1, 1.1, 0.01), Doubt::kSmallPart);
+  EXPECT_EQ(doubt(50, 0.4, 3.0, 0.01), Doubt::kLargeResiduals);
+  EXPECT_EQ(doubt(50, 0.4, 1.1, 0.04), Doubt::kRefuted);
+  EXPECT_EQ(FindStretches(MakeFrames({{9, -1, 0.0}})).front().doubt, std::nullopt);
+}
+
+TEST(Stretches, SayInTheReportWhyTheyAreLittleTrusted) {
+  Report report;
+  report.frames = MakeFrames({{9, 0, 0.2}, {9, 0, 0.9}});
+  for (FrameReport& frame : report.frames) frame.spread = 1.0;  // But no points are seen.
+  report.stretches = FindStretches(report.frames);
+  const nlohmann::json stretches = ToJson(report)["stretches"];
+  EXPECT_EQ(stretches[0]["doubt"], "few points");
+  EXPECT_TRUE(stretches[1]["doubt"].is_null());
 }
 
 TEST(Stretches, OneLostFrameIsAStretch) {

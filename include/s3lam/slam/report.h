@@ -28,13 +28,18 @@ struct FrameReport {
 /// Frames in a row that are known alike.
 struct StretchReport {
   enum class State { kLost, kWeak, kGood };
+  /// The factors of FrameTrust, in its order.
+  enum class Doubt { kFewPoints, kSmallPart, kLargeResiduals, kRefuted };
   int first_frame = 0;
   int last_frame = 0;
   int map = -1;
-  State state = State::kLost;
+  State state = State::kLost;  // Good if and only if the mean trust is.
   double mean_trust = 0.0;
   double min_trust = 0.0;
+  std::optional<Doubt> doubt;  // What lowers the trust of a weak one most.
 };
+/// Such as "few points".
+const char* Describe(StretchReport::Doubt doubt);
 
 /// One map: a model of its own, in a world and scale of its own.
 struct MapReport {
@@ -99,7 +104,7 @@ nlohmann::json ToJson(const Report& report);
 double FrameTrust(const FrameReport& frame);
 
 /// Cuts the sequence where the map changes, and where the trust crosses one half for more than a
-/// few frames.
+/// few frames, or so far that these would belie what is said of those around them.
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames);
 
 }  // namespace s3lam::slam
