@@ -247,6 +247,12 @@ Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>
         "more than a guess, and the map may be distorted; give the camera's calibration",
         report.focal->Sigma(), report.focal->refined);
   }
+  if (LosesFramesOfUnknownCamera(report)) {
+    spdlog::warn(
+        "many frames are not localised, which a wrong focal length can be the reason of: give the "
+        "camera's calibration, or begin with {:.1f} px, to which it was refined",
+        report.focal->refined);
+  }
   report.stretches = FindStretches(report.frames);
   report.stops = FindStops(ViewsOf(maps, localized), state.undistorter.camera().FocalX());
   result.report = std::move(report);

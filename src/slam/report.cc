@@ -15,6 +15,7 @@ constexpr double kEnoughSpread = 0.5;
 constexpr double kMaxRelativeFocalSigma = 0.02;
 constexpr double kCommonFocalSigma = 0.01;  // A choice; between parts nothing shows it.
 constexpr double kGoodTrust = 0.5;
+constexpr double kManyLost = 0.2;     // Of the frames.
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 
 const char* Name(StretchReport::State state) {
@@ -185,6 +186,12 @@ double FocalReport::Sigma() const {
 }
 
 bool FocalReport::IsDetermined() const { return Sigma() <= kMaxRelativeFocalSigma * refined; }
+
+bool LosesFramesOfUnknownCamera(const Report& report) {
+  const auto num_lost = std::count_if(report.frames.begin(), report.frames.end(),
+                                      [](const FrameReport& frame) { return !frame.localized(); });
+  return report.focal && static_cast<double>(num_lost) > kManyLost * report.num_frames;
+}
 
 double FrameTrust(const FrameReport& frame) {
   double trust = 1.0;

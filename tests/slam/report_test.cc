@@ -50,6 +50,17 @@ TEST(FocalReport, SigmaHoldsNoiseAndWhatPartsDifferByAndHaveInCommon) {
   EXPECT_FALSE(focal.IsDetermined());
 }
 
+TEST(Report, TellsOfManyFramesLostIfTheCameraWasNotKnown) {
+  Report report;
+  report.num_frames = 100;
+  report.frames = MakeFrames({{70, 0, 0.9}, {30, -1, 0.0}});
+  EXPECT_FALSE(LosesFramesOfUnknownCamera(report));
+  report.focal.emplace();
+  EXPECT_TRUE(LosesFramesOfUnknownCamera(report));
+  report.frames = MakeFrames({{50, 0, 0.9}, {40, 1, 0.9}, {10, -1, 0.0}});
+  EXPECT_FALSE(LosesFramesOfUnknownCamera(report));
+}
+
 TEST(Stretches, AreCutWhereMapOrTrustChange) {
   const auto stretches = FindStretches(MakeFrames(
       {{20, 0, 0.9}, {3, 0, 0.1}, {20, 0, 0.8}, {10, 0, 0.2}, {7, -1, 0.0}, {9, 1, 1.0}}));

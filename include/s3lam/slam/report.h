@@ -98,6 +98,10 @@ struct Report {
 };
 nlohmann::json ToJson(const Report& report);
 
+/// Whether the camera was not known, and so many frames are in no map that it may be why: those
+/// lost under a wrong focal length are not all found again when it is refined.
+bool LosesFramesOfUnknownCamera(const Report& report);
+
 /// Product of four factors that are one where nothing is in doubt: points seen / 60, share of the
 /// image they cover / 0.5, 1 / reprojection RMS in sigma, each at most one, and 1 - contradiction
 /// / 0.04, at least zero.
