@@ -31,7 +31,11 @@ FocalReport SearchCamera(const Options& options, const Input& input, const Vocab
                                options.initializer,  options.tracker,          options.mapper,
                                options.num_threads};
   const auto found = SearchFocal(trials, frames, vocabulary, input.camera, *input.focal_prior);
-  if (found) ChangeCamera(found->camera, options.num_threads, frames, undistorter);
+  if (found) {
+    ChangeCamera(found->camera, options.num_threads, frames, undistorter);
+  } else {
+    spdlog::warn("no stretch of the sequence suggests a focal length to believe");
+  }
   return report;
 }
 
@@ -44,6 +48,11 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
       RefineIntrinsics(options.self_calibration, undistorter.camera(), prior, problem);
   if (!refined) {
     spdlog::warn("the focal length cannot be refined");
+    return;
+  }
+  if (!IsBelievable(*refined, prior)) {
+    spdlog::warn("the focal length is not refined: {:.1f} +- {:.1f} px cannot be believed",
+                 refined->camera.FocalX(), refined->focal_sigma);
     return;
   }
   ApplyRefinement(*refined, map);

@@ -10,8 +10,11 @@
 namespace s3lam {
 namespace {
 
-constexpr double kWidePrior = 0.2;  // Relative sigma beyond which one trial is not enough.
-constexpr double kFairShare = 0.8;  // Of the frames that another trial tracked.
+constexpr double kWidePrior = 0.2;          // Relative sigma beyond which one trial is not enough.
+constexpr double kFairShare = 0.8;          // Of the frames that another trial tracked.
+constexpr double kSureRelativeSigma = 0.2;  // Of a focal length that is believed wherever it is.
+constexpr double kNearPriorSigmas = 3.0;    // Within which a less sure one is.
+constexpr double kFarSigmas = 2.0;          // Of the prior: what is tried where all else fails.
 constexpr int kGlobalRounds = 3;
 constexpr int kStarts = 8;  // A wrong camera would have all of them tried, and in vain.
 constexpr int kObservations = 10000;
@@ -34,12 +37,18 @@ Camera WithFocal(Camera camera, double focal) {
   return camera;
 }
 
+/// As many of the prior's sigmas below and above the guess.
+std::vector<Camera> CamerasAside(const Camera& guess, const FocalPrior& prior, double sigmas) {
+  const double change = sigmas * prior.relative_sigma;
+  return {WithFocal(guess, prior.focal * std::exp(-change)),
+          WithFocal(guess, prior.focal * std::exp(change))};
+}
+
 /// The guess, and others as far off as it may be.
 std::vector<Camera> Candidates(const Camera& guess, const FocalPrior& prior) {
   std::vector<Camera> cameras{guess};
   if (prior.relative_sigma > kWidePrior) {
-    cameras.push_back(WithFocal(guess, prior.focal * std::exp(-prior.relative_sigma)));
-    cameras.push_back(WithFocal(guess, prior.focal * std::exp(prior.relative_sigma)));
+    for (const Camera& camera : CamerasAside(guess, prior, 1.0)) cameras.push_back(camera);
   }
   return cameras;
 }
@@ -79,7 +88,22 @@ class Search {
          const Vocabulary& vocabulary, const FocalPrior& prior)
       : options_(options), frames_(frames), vocabulary_(vocabulary), prior_(prior) {}
 
-  /// Maps some frames with each camera; the best trial, if any gives a map.
+  /// Maps some frames with each camera, and anew with what the best gives until that stays; empty
+  /// if no map comes of it, or a focal length that cannot be believed.
+  [[nodiscard]] std::optional<CameraRefinement> Find(const std::vector<Camera>& cameras,
+                                                     const Window& window) const {
+    const auto best = Try(cameras, window);
+    if (!best) return std::nullopt;
+    CameraRefinement found = Settle(*best, window).refinement;
+    const bool is_believed = IsBelievable(found, prior_);
+    spdlog::info("frames {} to {} suggest a focal length of {:.1f} +- {:.1f} px{}", window.begin,
+                 window.end - 1, found.camera.FocalX(), found.focal_sigma,
+                 is_believed ? "" : ", which cannot be believed");
+    return is_believed ? std::optional(std::move(found)) : std::nullopt;
+  }
+
+ private:
+  /// The best trial of all cameras, if any gives a map.
   [[nodiscard]] std::optional<Trial> Try(const std::vector<Camera>& cameras,
                                          const Window& window) const {
     std::vector<std::optional<Trial>> trials(cameras.size());
@@ -109,7 +133,6 @@ class Search {
     return trial;
   }
 
- private:
   [[nodiscard]] std::optional<Trial> MapAndRefine(const Camera& camera,
                                                   const Window& window) const {
     const Undistorter undistorter(camera);
@@ -160,23 +183,30 @@ std::optional<CameraRefinement> SearchFocal(const TrialMapOptions& given,
   options.self_calibration.max_observations =
       std::min(options.self_calibration.max_observations, kObservations);
   std::vector<Camera> cameras = Candidates(guess, prior);
-  const auto middle = FindMiddle(options, frames, cameras);
+  const std::vector<Camera> far_cameras = CamerasAside(guess, prior, kFarSigmas);
+  auto middle = FindMiddle(options, frames, cameras);
+  if (!middle) middle = FindMiddle(options, frames, far_cameras);
   if (!middle) return std::nullopt;
   const Search search(options, frames, vocabulary, prior);
   std::optional<CameraRefinement> best;
   for (auto size = static_cast<size_t>(options.search.first_frames);; size *= 2) {
     const Window window = WindowAround(*middle, size, frames.size());
-    if (const auto trial = search.Try(cameras, window)) {
-      best = search.Settle(*trial, window).refinement;
-      const double focal = best->camera.FocalX();
-      spdlog::info("frames {} to {} suggest a focal length of {:.1f} +- {:.1f} px", window.begin,
-                   window.end - 1, focal, best->focal_sigma);
-      if (best->focal_sigma < options.search.enough_relative_sigma * focal) break;
+    auto found = search.Find(cameras, window);
+    if (!found && !best) found = search.Find(far_cameras, window);
+    if (found) {
+      best = std::move(found);
+      if (best->focal_sigma < options.search.enough_relative_sigma * best->camera.FocalX()) break;
       cameras = {best->camera};
     }
     if (window.size() == frames.size()) break;
   }
   return best;
+}
+
+bool IsBelievable(const CameraRefinement& refinement, const FocalPrior& prior) {
+  const double focal = refinement.camera.FocalX();
+  return refinement.focal_sigma <= kSureRelativeSigma * focal ||
+         std::abs(std::log(focal / prior.focal)) <= kNearPriorSigmas * prior.relative_sigma;
 }
 
 CalibrationProblem MakeCalibrationProblem(const Map& map) {

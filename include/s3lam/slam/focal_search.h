@@ -35,12 +35,17 @@ struct TrialMapOptions {
 /// sequence can be mapped with it: trial maps of a stretch of frames are made with focal lengths as
 /// far apart as the prior is wide, and each is adjusted with focal length and distortion free. The
 /// camera that explains its observations best, not counting those that track few frames, is tried
-/// again until its focal length stays. The stretch is doubled until it determines the focal length,
-/// or is the whole sequence. Empty if no trial gives a map.
+/// again until its focal length stays. Where that comes to nothing that can be believed, the same
+/// is done with focal lengths twice as far off. The stretch is doubled until it determines the
+/// focal length, or is the whole sequence. Empty if no trial gives a map with a camera to believe.
 std::optional<CameraRefinement> SearchFocal(const TrialMapOptions& options,
                                             const std::vector<FrameFeatures>& frames,
                                             const Vocabulary& vocabulary, const Camera& guess,
                                             const FocalPrior& prior);
+
+/// False if a focal length is far from what was known of it beforehand, and not even sure: a map
+/// that went wrong gives such ones, while one that does not determine it leaves it where it was.
+bool IsBelievable(const CameraRefinement& refinement, const FocalPrior& prior);
 
 /// What the keyframes saw of the points, in original pixels.
 CalibrationProblem MakeCalibrationProblem(const Map& map);
