@@ -79,6 +79,10 @@ SegmentImage SegmentsFromIds(const IdMatrix& image, const SegmentOfId& segment_o
   return segments;
 }
 
+/// Between two ids lie ids of other segments, or of none.
+constexpr const char* kInterpolationHint =
+    "; was the mask resized with interpolation? ids can only be resized by nearest pixel";
+
 /// True for the values that commonly stand for void where nothing says what they are.
 bool MayBeVoid(const IdImage& image, int32_t id) {
   return id == 0 || id == -1 || id == image.minus_one;
@@ -93,7 +97,8 @@ PanopticFrame DecodeCoco(const fs::path& path, const CocoAnnotation& annotation)
   frame.segment_ids = ReadColourSegments(path, [&](uint32_t colour) {
     if (colour == 0 || table.void_segments.contains(colour)) return kNoSegment;
     if (!table.segments.contains(colour)) {
-      ThrowInputError("{}: segment {} is not in the JSON", path.string(), colour);
+      ThrowInputError("{}: segment {} is not in the JSON{}", path.string(), colour,
+                      kInterpolationHint);
     }
     return colour;
   });
@@ -192,7 +197,8 @@ PanopticFrame DecodeSegments(const fs::path& path, const ClassResolver& classes)
     const auto segment = static_cast<uint32_t>(id);
     if (id >= 0 && table.segments.contains(segment)) return segment;
     if (table.void_segments.contains(segment) || MayBeVoid(image, id)) return kNoSegment;
-    ThrowInputError("{}: segment {} is not in {}", path.string(), id, json_path.string());
+    ThrowInputError("{}: segment {} is not in {}{}", path.string(), id, json_path.string(),
+                    kInterpolationHint);
   });
   return frame;
 }

@@ -221,6 +221,12 @@ std::vector<SegmentOverlap> CompareFrames(const FrameLookup& later, const FrameL
   return overlaps;
 }
 
+/// True for the size of the camera's images scaled, to a pixel of the coarser of the two.
+bool HasShapeOf(const Camera& camera, double width, double height) {
+  const double scale = width / camera.width;
+  return std::abs(height - scale * camera.height) <= std::max(1.0, scale);
+}
+
 /// Collects the frames' results in order.
 class Collector {
  public:
@@ -334,10 +340,12 @@ void CheckMaskShape(const PanopticFrame& frame, const Camera& camera,
                     const std::string& image_name) {
   const auto width = static_cast<double>(frame.segment_ids.cols());
   const auto height = static_cast<double>(frame.segment_ids.rows());
-  const double scale = width / camera.width;
-  if (std::abs(height - scale * camera.height) <= std::max(1.0, scale)) return;
-  ThrowInputError("{}: the mask is {} x {} px but its image {} is {} x {} px", frame.source, width,
-                  height, image_name, camera.width, camera.height);
+  if (HasShapeOf(camera, width, height)) return;
+  const char* hint = HasShapeOf(camera, height, width)
+                         ? "turned by EXIF orientation? images are taken as stored"
+                         : "of another size, a mask must have the image's aspect ratio, to a pixel";
+  ThrowInputError("{}: the mask is {} x {} px but its image {} is {} x {} px; {}", frame.source,
+                  width, height, image_name, camera.width, camera.height, hint);
 }
 
 void LookupOptions::Visit(OptionVisitor& v) {

@@ -171,6 +171,31 @@ TEST(LiftSemantics, RefusesMasksOfAnotherShape) {
   }
 }
 
+TEST(CheckMaskShape, SaysWhatMayHaveGoneWrong) {
+  Camera camera;
+  camera.width = 640;
+  camera.height = 480;
+  const auto error = [&](int width, int height) -> std::string {
+    PanopticFrame mask;
+    mask.segment_ids.resize(height, width);
+    try {
+      CheckMaskShape(mask, camera, "a.png");
+    } catch (const InputError& refused) {
+      return refused.what();
+    }
+    return "";
+  };
+  for (const auto& [width, height] : {std::pair(480, 640), std::pair(240, 320)}) {
+    EXPECT_THAT(error(width, height), HasSubstr("EXIF orientation"));
+  }
+  for (const auto& [width, height] : {std::pair(512, 512), std::pair(320, 242)}) {
+    EXPECT_THAT(error(width, height), HasSubstr("aspect ratio"));
+  }
+  for (const auto& [width, height] : {std::pair(320, 240), std::pair(320, 241)}) {
+    EXPECT_EQ(error(width, height), "");
+  }
+}
+
 TEST(LiftSemantics, SkipsBadMasksIfLenient) {
   const FlatScene flat;
   const auto masks = [&](const Image& image) {

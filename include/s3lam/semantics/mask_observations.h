@@ -88,8 +88,8 @@ struct LookupOptions {
   void Visit(OptionVisitor& v);
 };
 
-/// Throws InputError naming both sizes unless the mask is a scaled version of the image, to the
-/// nearest pixel.
+/// Throws InputError naming both sizes, and what may have gone wrong, unless the mask is a scaled
+/// version of the image, to the nearest pixel.
 void CheckMaskShape(const PanopticFrame& frame, const Camera& camera,
                     const std::string& image_name);
 
