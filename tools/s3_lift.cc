@@ -99,6 +99,28 @@ class MaskSource {
     }
   }
 
+  /// Whoever makes masks of every n-th frame meets few of the keyframes; the masks of the others
+  /// come to nothing. Where none fits at all, lifting says so.
+  void WarnIfMostAreOfOthers(const Reconstruction& model) const {
+    const size_t num_images = model.images.size();
+    const size_t num_found = mask_of_image_.size();
+    const size_t num_unused = masks_.names().size() - num_found;
+    if (num_found == 0 || num_unused == 0 || 2 * num_found >= num_images) return;
+    spdlog::warn(
+        "{} of the model's {} images have no mask, and {} of {} masks belong to no image of the "
+        "model: make masks of the model's images (of a sequence, its keyframes); images_unmasked "
+        "in report.json names those without one",
+        num_images - num_found, num_images, num_unused, masks_.names().size());
+  }
+
+  [[nodiscard]] std::vector<std::string> NamesWithoutMask(const Reconstruction& model) const {
+    std::vector<std::string> names;
+    for (const auto& [id, image] : model.images) {
+      if (!mask_of_image_.contains(id)) names.push_back(image.name);
+    }
+    return names;
+  }
+
   [[nodiscard]] std::optional<PanopticFrame> Read(const Image& image) const {
     const auto it = mask_of_image_.find(image.id);
     if (it == mask_of_image_.end()) return std::nullopt;
@@ -287,6 +309,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   spdlog::info("{} images, {} points, {} masks ({})", model.images.size(), model.points.size(),
                masks.names().size(), MaskFormatName(masks.format()));
   const MaskSource source(masks, model);
+  source.WarnIfMostAreOfOthers(model);
   const Overlays overlays = ChooseOverlays(arguments, model);
 
   const MaskProvider read_mask = [&](const Image& image) { return source.Read(image); };
@@ -296,12 +319,13 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
              {[&] { result = LiftSemantics(model, table, read_mask, descriptors, options); },
               [&] { provenance = DescribeInputs(arguments, common, masks, options); }});
   json report = ReportToJson(result.report, table);
+  report["images_unmasked"] = source.NamesWithoutMask(model);
   provenance->AddTo(report);
   WriteResult(model, result, provenance->config(), report, common.threads, output.path());
   WriteKeyframePictures(model, result.map, overlays.images, overlays.image_directory,
                         common.threads, output.path() / "overlays");
   output.Commit();
-  report.erase("config");
+  for (const char* long_one : {"config", "images_unmasked"}) report.erase(long_one);
   PrintReport(common, ReportToTable(result.report, table), report);
 }
 

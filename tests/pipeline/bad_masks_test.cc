@@ -92,6 +92,34 @@ TEST_F(BadMasks, MissingOneIsSkippedAndCounted) {
   EXPECT_EQ(report["images_with_mask"], mask_names_.size() - 1);
 }
 
+TEST_F(BadMasks, MasksOfOtherFramesAreToldOf) {
+  const auto lift = [&] {
+    std::vector<std::string> arguments = LiftArguments();
+    arguments.insert(arguments.end(), {"--output", output().string(), "--overwrite"});
+    return RunTool("s3-lift", arguments).errors;
+  };
+  const auto rename_to_other = [&](size_t i) {
+    std::filesystem::rename(masks() / mask_names_[i],
+                            masks() / ("other" + std::to_string(i) + ".png"));
+  };
+  ASSERT_EQ(mask_names_.size(), 8U);
+  for (size_t i = 0; i < 4; ++i) rename_to_other(i);
+  EXPECT_EQ(lift(), "");  // Half of the images have one.
+  rename_to_other(4);
+  EXPECT_THAT(lift(), ::testing::HasSubstr("5 of the model's 8 images have no mask, and 5 of 8 "
+                                           "masks belong to no image"));
+  const json unmasked =
+      json::parse(testing::FileBytes(output() / "report.json"))["images_unmasked"];
+  ASSERT_EQ(unmasked.size(), 5U);
+  EXPECT_EQ(std::filesystem::path(unmasked[0]).stem(),
+            std::filesystem::path(mask_names_[0]).stem());
+  // Masks that are merely missing are counted, as always.
+  for (size_t i = 0; i < 5; ++i) {
+    std::filesystem::remove(masks() / ("other" + std::to_string(i) + ".png"));
+  }
+  EXPECT_EQ(lift(), "");
+}
+
 TEST_F(BadMasks, CutShort) {
   Truncate(masks() / mask_names_[4], 0.5);
   ExpectLiftRefused({(masks() / mask_names_[4]).string()});
