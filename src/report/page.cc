@@ -20,7 +20,7 @@ constexpr const char* kHead = R"(<!DOCTYPE html>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 )";
 
-constexpr const char* kViewer = R"(<h2>Map</h2>
+constexpr const char* kViewerUpToTruth = R"(<h2>Map</h2>
 <div id="view-row">
 <div id="viewer"><canvas id="view3d"></canvas><div id="viewer-note">The 3D view needs scripts.</div><div id="tip" hidden></div></div>
 <div id="controls">
@@ -31,8 +31,14 @@ constexpr const char* kViewer = R"(<h2>Map</h2>
 <label><input type="checkbox" id="showPlanes" checked> planes and normals</label>
 <label><input type="checkbox" id="showCameras" checked> keyframes</label>
 <label><input type="checkbox" id="showPath" checked> trajectory</label>
-<label><input type="checkbox" id="showTruth" checked> ground truth</label>
-<label><input type="checkbox" id="unlabelled" checked> points in no object</label>
+)";
+
+constexpr const char* kTruthSwitch =
+    R"(<label><input type="checkbox" id="showTruth" checked> ground truth</label>
+)";
+
+constexpr const char* kViewerAfterTruth =
+    R"(<label><input type="checkbox" id="unlabelled" checked> points in no object</label>
 <label><input type="checkbox" id="onlyPlanes"> only points on planes</label>
 <label>size of points <input type="range" id="point-size" min="1" max="8" step="0.5" value="2"></label>
 <div id="visible-count"></div>
@@ -139,7 +145,9 @@ std::string MakePage(const PageContent& content) {
     html += "</ul>\n";
   }
   html += TableToHtml(content.summary);
-  html += kViewer;
+  html += kViewerUpToTruth;
+  if (content.viewer.has_truth) html += kTruthSwitch;
+  html += kViewerAfterTruth;
   html += FiguresToHtml(content, "map", "The map from the top, at three quarters and from the side",
                         content.viewer.meta.at("arms").size());
   html += FiguresToHtml(content, "trajectory", "Trajectory");

@@ -43,6 +43,7 @@ class Builder {
     std::vector<float> truth;
     for (const Vector3d& x : frame_.truth_in_view) Append(x, truth);
     Add("truth", truth);
+    data_.has_truth = !truth.empty();
     data_.meta["points"] = ids_.size();
     data_.meta["radius"] = radius_;
     data_.num_points = ids_.size();

@@ -166,6 +166,16 @@ TEST(ReportPipeline, TruthOfAnotherTimeIsSaid) {
   EXPECT_THAT(FigureNames(made.output, "trajectory"), IsEmpty());
 }
 
+// A switch of what is not there would make believe that it is.
+TEST(ReportPipeline, TruthIsSwitchedOnlyWhereItIs) {
+  const RunOnDisk run;
+  Input input = InputOf(run);
+  const std::string of_switch = "id=\"showTruth\"";
+  EXPECT_THAT(Make(input).output.html, HasSubstr(of_switch));
+  input.truth.clear();
+  EXPECT_THAT(Make(input).output.html, Not(HasSubstr(of_switch)));
+}
+
 TEST(ReportPipeline, AskedImagesMustBeThere) {
   const RunOnDisk run;
   Input input = InputOf(run);

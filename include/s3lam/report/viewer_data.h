@@ -15,6 +15,7 @@ struct ViewerData {
   nlohmann::json meta;
   std::vector<std::pair<std::string, std::string>> arrays;
   size_t num_points = 0;
+  bool has_truth = false;
 };
 
 /// All points of all arms; those an arm does not have are NaN in its positions. Positions are

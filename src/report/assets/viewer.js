@@ -328,8 +328,10 @@
   // ---- controls ----
   function refresh() { updateVisible(); draw(); }
   function bindCheck(id, key) {
-    byId(id).addEventListener('change', (event) => {
-      state[key] = event.target.checked;
+    const box = byId(id);
+    if (!box) return;  // There is nothing of that kind.
+    box.addEventListener('change', () => {
+      state[key] = box.checked;
       refresh();
     });
   }
