@@ -159,6 +159,13 @@ std::map<PlaneId, PlanarSurface> AllPlanes(const RunFolder& run) {
   return planes;
 }
 
+const nlohmann::json* FindReport(const RunFolder& run, const std::string& folder) {
+  for (const StageRecord& stage : run.stages) {
+    if (stage.folder == folder && stage.report.is_object()) return &stage.report;
+  }
+  return nullptr;
+}
+
 RunFolder ReadRunFolder(const fs::path& directory) {
   if (!fs::is_directory(directory)) ThrowInputError("{}: no such folder", directory.string());
   RunFolder run;

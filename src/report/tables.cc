@@ -11,13 +11,6 @@ using nlohmann::json;
 
 constexpr const char* kNothing = "-";
 
-const json* FindReport(const RunFolder& run, const std::string& folder) {
-  for (const StageRecord& stage : run.stages) {
-    if (stage.folder == folder && stage.report.is_object()) return &stage.report;
-  }
-  return nullptr;
-}
-
 /// A list in a report; an empty one where there is none.
 json ListIn(const json* report, const char* key) {
   if (report == nullptr || !report->contains(key) || !(*report)[key].is_array()) {

@@ -53,4 +53,8 @@ std::vector<PlanarSurface> ReadRefinedPlanes(const std::filesystem::path& path,
 /// The planes of the semantic map, and those that only an arm has.
 std::map<PlaneId, PlanarSurface> AllPlanes(const RunFolder& run);
 
+/// The report.json of a stage; null where there is none. It may be of another version, or not of
+/// ours at all: anything may lack in it.
+const nlohmann::json* FindReport(const RunFolder& run, const std::string& folder);
+
 }  // namespace s3lam::report
