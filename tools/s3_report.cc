@@ -23,7 +23,8 @@ constexpr const char* kDescription =
     "       --ground-truth  TUM (time tx ty tz qx qy qz qw) or KITTI (3x4 matrices),\n"
     "                       world_from_camera\n"
     "       --images        folder of the images (default: where the run read them)\n"
-    "Writes --output        the page: 3D view, map, trajectory, residuals, keyframes, tables\n"
+    "Writes --output        the page: doubts, trust in the frames, 3D view, map, trajectory,\n"
+    "                       residuals, keyframes, tables\n"
     "       --png           folder: the plots, views and keyframes of the page as PNG\n"
     "       (one of the two is enough)";
 

@@ -8,6 +8,7 @@
 #include "s3lam/report/keyframe_pictures.h"
 #include "s3lam/report/map_view.h"
 #include "s3lam/report/plots.h"
+#include "s3lam/report/trust_strip.h"
 
 namespace s3lam::report {
 namespace fs = std::filesystem;
@@ -72,6 +73,17 @@ ArmMap MapOfArm(const RunFolder& run, size_t k, const Similarity3& view_from_arm
 }
 
 }  // namespace
+
+void AddTrustFigure(const FrameTrust& trust, std::vector<Figure>& figures) {
+  if (trust.stretches.empty()) return;
+  constexpr const char* kCaption =
+      "Line: how many points a frame sees, how much of the image they cover, how well they fit, "
+      "and "
+      "whether pairs of keyframes contradict the map; 1 is full trust. Band: stretches of frames; "
+      "a few frames that differ are counted with those around them.";
+  figures.push_back(
+      {"trust", "trust", trust.frames.empty() ? "" : kCaption, DrawTrustStrip(trust)});
+}
 
 void AddTrajectoryFigures(const RunFolder& run, const Measures& measures,
                           std::vector<Figure>& figures) {

@@ -7,6 +7,7 @@
 #include "assets.h"
 #include "s3lam/base/version.h"
 #include "s3lam/report/html_text.h"
+#include "s3lam/report/trust_strip.h"
 
 namespace s3lam::report {
 namespace {
@@ -64,6 +65,26 @@ std::string DataUri(const cv::Mat& image, bool photograph, int jpeg_quality) {
                      Base64({reinterpret_cast<const char*>(bytes.data()), bytes.size()}));
 }
 
+std::string SentencesToHtml(const std::vector<std::string>& sentences, const char* css_class) {
+  if (sentences.empty()) return {};
+  std::string html = fmt::format("<ul class=\"{}\">\n", css_class);
+  for (const std::string& sentence : sentences) html += "<li>" + EscapeHtml(sentence) + "</li>\n";
+  return html + "</ul>\n";
+}
+
+/// With what the colours mean.
+std::string TrustSwitch() {
+  std::string html = "<label><input type=\"checkbox\" id=\"trustPath\"> trajectory by trust:";
+  for (const FrameState state : {FrameState::kGood, FrameState::kWeak}) {
+    const Rgb color = StateColor(state);
+    html += fmt::format(
+        " <span class=\"key\"><span class=\"swatch\" style=\"background: rgb({}, {}, "
+        "{})\"></span>{}</span>",
+        color[0], color[1], color[2], StateTitle(state));
+  }
+  return html + "</label>\n";
+}
+
 std::string TableToHtml(const Table& table) {
   std::string html = "<div class=\"scroll\"><table>\n<tr>";
   const auto css = [&](size_t column) {
@@ -108,7 +129,8 @@ std::string FiguresToHtml(const PageContent& content, const char* section, const
   if (figures.empty()) return {};
   const std::string grid =
       columns > 0 ? fmt::format(" grid\" style=\"--columns: {}", columns) : std::string();
-  return fmt::format("<h2>{}</h2>\n<div class=\"figures{}\">\n{}</div>\n", title, grid, figures);
+  return fmt::format("<h2>{}</h2>\n<div class=\"figures {}{}\">\n{}</div>\n", title, section, grid,
+                     figures);
 }
 
 void AppendScripts(const PageContent& content, std::string& html) {
@@ -137,15 +159,12 @@ std::string MakePage(const PageContent& content) {
   html += "<title>" + title + "</title>\n<style>\n";
   html += assets::kStyle;
   html += "</style>\n</head>\n<body>\n<h1>" + title + "</h1>\n";
-  if (!content.missing.empty()) {
-    html += "<ul class=\"missing\">\n";
-    for (const std::string& sentence : content.missing) {
-      html += "<li>" + EscapeHtml(sentence) + "</li>\n";
-    }
-    html += "</ul>\n";
-  }
+  html += SentencesToHtml(content.doubts, "doubts");
+  html += SentencesToHtml(content.missing, "missing");
   html += TableToHtml(content.summary);
+  html += FiguresToHtml(content, "trust", "Trust in the frames");
   html += kViewerUpToTruth;
+  if (content.viewer.has_trust) html += TrustSwitch();
   if (content.viewer.has_truth) html += kTruthSwitch;
   html += kViewerAfterTruth;
   html += FiguresToHtml(content, "map", "The map from the top, at three quarters and from the side",

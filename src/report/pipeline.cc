@@ -6,6 +6,7 @@
 
 #include "s3lam/base/options_json.h"
 #include "s3lam/report/figures.h"
+#include "s3lam/report/frame_trust.h"
 #include "s3lam/report/page.h"
 #include "s3lam/report/tables.h"
 #include "s3lam/report/viewer_data.h"
@@ -43,8 +44,10 @@ void GivePlanes(const std::vector<PlaneDistances>& measured, RunFolder& run) {
 }
 
 std::vector<Figure> MakeFigures(const Options& options, const Input& input, const RunFolder& run,
-                                const Measures& measures, std::vector<std::string>& missing) {
+                                const Measures& measures, const FrameTrust& trust,
+                                std::vector<std::string>& missing) {
   std::vector<Figure> figures;
+  AddTrustFigure(trust, figures);
   AddMapFigures(options, run, measures, figures);
   AddTrajectoryFigures(run, measures, figures);
   AddResidualFigures(options, run, measures, figures);
@@ -78,7 +81,9 @@ Report Run(const Options& options, const Input& input, Output& output) {
   RunFolder run = input.run;
   const Measures measures = Measure(options, run, input.truth);
   GivePlanes(measures.planes, run);
+  const FrameTrust trust = ReadFrameTrust(run);
   Report report;
+  report.doubts = DescribeDoubts(run, trust);
   report.missing = run.missing;
   if (input.truth.empty()) {
     report.missing.emplace_back("No ground truth was given: no errors of trajectories.");
@@ -88,10 +93,11 @@ Report Run(const Options& options, const Input& input, Output& output) {
 
   PageContent page;
   page.title = "S3LAM: " + run.name;
-  page.figures = MakeFigures(options, input, run, measures, report.missing);
+  page.figures = MakeFigures(options, input, run, measures, trust, report.missing);
+  page.doubts = report.doubts;
   page.missing = report.missing;
   page.summary = report.summary;
-  page.viewer = MakeViewerData(run, measures.frame);
+  page.viewer = MakeViewerData(run, measures.frame, trust);
   page.tables = {PlaneTable(run, measures), RelationTable(run), TimingTable(run)};
   page.configurations = Configurations(options, run);
   page.jpeg_quality = options.jpeg_quality;
@@ -107,7 +113,8 @@ nlohmann::json ToJson(const Report& report) {
   for (const auto& row : report.summary.rows) {
     for (size_t k = 1; k < row.size(); ++k) summary[report.summary.header[k]][row[0]] = row[k];
   }
-  return {{"missing", report.missing},
+  return {{"doubts", report.doubts},
+          {"missing", report.missing},
           {"points", report.num_points},
           {"figures", report.num_figures},
           {"summary", std::move(summary)}};
@@ -124,7 +131,9 @@ std::string ToText(const Report& report) {
   };
   add(report.summary.header);
   for (const auto& row : report.summary.rows) add(row);
-  for (const std::string& sentence : report.missing) text += sentence + "\n";
+  for (const auto* sentences : {&report.doubts, &report.missing}) {
+    for (const std::string& sentence : *sentences) text += sentence + "\n";
+  }
   return text;
 }
 

@@ -8,6 +8,7 @@
 
 #include "s3lam/report/html_text.h"
 #include "s3lam/report/overlay.h"
+#include "s3lam/report/trust_strip.h"
 
 namespace s3lam::report {
 namespace {
@@ -25,7 +26,8 @@ void Append(const Vector3d& v, std::vector<float>& values) {
 
 class Builder {
  public:
-  Builder(const RunFolder& run, const CommonFrame& frame) : run_(run), frame_(frame) {
+  Builder(const RunFolder& run, const CommonFrame& frame, const FrameTrust& trust)
+      : run_(run), frame_(frame), trust_(trust) {
     for (const Arm& arm : run.arms) {
       for (const auto& [id, point] : arm.model.points) ids_.push_back(id);
     }
@@ -44,6 +46,9 @@ class Builder {
     for (const Vector3d& x : frame_.truth_in_view) Append(x, truth);
     Add("truth", truth);
     data_.has_truth = !truth.empty();
+    for (const FrameState state : {FrameState::kGood, FrameState::kWeak, FrameState::kLost}) {
+      data_.meta["state_colors"].push_back(StateColor(state));
+    }
     data_.meta["points"] = ids_.size();
     data_.meta["radius"] = radius_;
     data_.num_points = ids_.size();
@@ -160,7 +165,19 @@ class Builder {
     json planes = json::array();
     for (const PlanarSurface& plane : arm.planes) planes.push_back(PlaneJson(plane, view_from_arm));
     AddMembers(k);
-    return {{"title", arm.title}, {"planes", std::move(planes)}};
+    return {{"title", arm.title}, {"planes", std::move(planes)}, {"trust", AddTrust(k)}};
+  }
+
+  /// The state of every pose of the path: true if it is known.
+  bool AddTrust(size_t k) {
+    std::vector<uint8_t> states;
+    for (const FrameState state : StatesOfTrajectory(trust_, run_.arms[k])) {
+      states.push_back(static_cast<uint8_t>(state));
+    }
+    if (states.empty()) return false;
+    Add(fmt::format("trust-{}", k), states);
+    data_.has_trust = true;
+    return true;
   }
 
   /// The plane each point is on in one arm, or -1.
@@ -228,6 +245,7 @@ class Builder {
 
   const RunFolder& run_;
   const CommonFrame& frame_;
+  const FrameTrust& trust_;
   std::vector<PointId> ids_;
   double radius_ = 1.0;
   std::map<ClusterId, int32_t> cluster_index_;
@@ -237,8 +255,8 @@ class Builder {
 
 }  // namespace
 
-ViewerData MakeViewerData(const RunFolder& run, const CommonFrame& frame) {
-  return Builder(run, frame).Build();
+ViewerData MakeViewerData(const RunFolder& run, const CommonFrame& frame, const FrameTrust& trust) {
+  return Builder(run, frame, trust).Build();
 }
 
 }  // namespace s3lam::report

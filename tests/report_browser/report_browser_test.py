@@ -124,6 +124,16 @@ class Report(unittest.TestCase):
         self.assertLess(self.visible(), before)
         self.click("onlyPlanes")
 
+    def test_trajectory_by_trust(self):
+        self.assertFalse(self.page.evaluate("document.getElementById('trustPath').checked"))
+        self.click("showPoints")
+        before = self.picture()
+        self.click("trustPath")
+        self.assertNotEqual(self.picture(), before)
+        self.click("trustPath")
+        self.assertEqual(self.picture(), before)
+        self.click("showPoints")
+
     def test_colours_and_views(self):
         pictures = set()
         for k in range(4):

@@ -2,10 +2,14 @@
 
 #include <vector>
 
+#include "s3lam/report/frame_trust.h"
 #include "s3lam/report/pipeline.h"
 #include "s3lam/report/tables.h"
 
 namespace s3lam::report {
+
+/// How far the frames are to be trusted; nothing if that is unknown.
+void AddTrustFigure(const FrameTrust& trust, std::vector<Figure>& figures);
 
 /// Trajectories against the truth from above and from the side, errors along time.
 void AddTrajectoryFigures(const RunFolder& run, const Measures& measures,

@@ -10,6 +10,7 @@ namespace s3lam::report {
 
 struct PageContent {
   std::string title;
+  std::vector<std::string> doubts;
   std::vector<std::string> missing;
   Table summary;
   ViewerData viewer;

@@ -35,7 +35,7 @@ struct Input {
 
 /// One picture of the report: strokes, or pixels (8-bit BGR).
 struct Figure {
-  std::string section;  // "trajectory", "residuals", "map", "keyframes"
+  std::string section;  // "trust", "trajectory", "residuals", "map", "keyframes"
   std::string name;     // Of its file, without extension.
   std::string caption;
   std::variant<Drawing, cv::Mat> picture;
@@ -49,6 +49,7 @@ struct Table {
 };
 
 struct Report {
+  std::vector<std::string> doubts;   // Sentences: what is not to be relied on.
   std::vector<std::string> missing;  // Sentences: what is not in the report, and why.
   size_t num_points = 0;
   size_t num_figures = 0;

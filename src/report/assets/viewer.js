@@ -34,6 +34,7 @@
       planeOf: new Int32Array(bytesOf('plane-' + k)),  // Index into meta.planes, or -1.
       cameras: new Float32Array(bytesOf('cameras-' + k)),
       path: new Float32Array(bytesOf('path-' + k)),
+      trust: arm.trust ? new Uint8Array(bytesOf('trust-' + k)) : null,  // Index of meta.state_colors.
     };
   });
   const truth = new Float32Array(bytesOf('truth'));
@@ -43,6 +44,8 @@
     classes: meta.classes.map(() => true), clusters: meta.clusters.map(() => true),
     planes: meta.planes.map(() => true), unlabelled: true, onlyPlanes: false,
     showPoints: true, showCameras: true, showPlanes: true, showPath: true, showTruth: true,
+    // Where all is good the colours would tell nothing.
+    trustPath: arms.some((arm) => arm.trust && arm.trust.some((s) => s > 0)),
   };
 
   // ---- scene ----
@@ -99,6 +102,14 @@
     g.setAttribute('position', new THREE.BufferAttribute(array, 3));
     return new THREE.Line(g, new THREE.LineBasicMaterial({color}));
   }
+  function trustLineOf(arm) {
+    const colors = meta.state_colors.map((color) => new THREE.Color(css(color)).toArray());
+    const line = lineOf(arm.path, 0xffffff);
+    const shades = Array.from(arm.trust, (s) => colors[s]).flat();
+    line.geometry.setAttribute('color', new THREE.Float32BufferAttribute(shades, 3));
+    line.material.vertexColors = true;
+    return line;
+  }
   function camerasOf(array) {  // Per camera: centre and four corners.
     const edges = [0, 1, 0, 2, 0, 3, 0, 4, 1, 2, 2, 3, 3, 4, 4, 1];
     const index = [];
@@ -134,9 +145,11 @@
   for (const arm of arms) {
     arm.cameraLines = camerasOf(arm.cameras);
     arm.pathLine = lineOf(arm.path, 0xffb347);
+    if (arm.trust) arm.trustLine = trustLineOf(arm);
     arm.planeGroup = new THREE.Group();
     for (const plane of arm.info.planes) arm.planeGroup.add(planeOfArm(plane, plane.index));
     scene.add(arm.cameraLines, arm.pathLine, arm.planeGroup);
+    if (arm.trustLine) scene.add(arm.trustLine);
   }
   const truthLine = lineOf(truth, 0xffffff);
   scene.add(truthLine);
@@ -185,7 +198,9 @@
     for (const [k, arm] of arms.entries()) {
       const current = k === state.arm;
       arm.cameraLines.visible = current && state.showCameras;
-      arm.pathLine.visible = current && state.showPath;
+      const byTrust = state.trustPath && arm.trustLine;
+      arm.pathLine.visible = current && state.showPath && !byTrust;
+      if (arm.trustLine) arm.trustLine.visible = current && state.showPath && state.trustPath;
       arm.planeGroup.visible = current && state.showPlanes;
       for (const group of arm.planeGroup.children) {
         const plane = meta.planes[group.userData.index];
@@ -330,13 +345,14 @@
   function bindCheck(id, key) {
     const box = byId(id);
     if (!box) return;  // There is nothing of that kind.
+    box.checked = state[key];
     box.addEventListener('change', () => {
       state[key] = box.checked;
       refresh();
     });
   }
-  for (const key of ['showPoints', 'showCameras', 'showPlanes', 'showPath', 'showTruth',
-                     'unlabelled', 'onlyPlanes']) {
+  for (const key of ['showPoints', 'showCameras', 'showPlanes', 'showPath', 'trustPath',
+                     'showTruth', 'unlabelled', 'onlyPlanes']) {
     bindCheck(key, key);
   }
   function choice(holderId, name, texts, initial, onChange) {
