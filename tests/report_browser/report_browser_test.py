@@ -8,6 +8,7 @@ Ends with 77 (skipped) where no Chromium is installed.
 
 import base64
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -18,16 +19,41 @@ import devtools
 SKIPPED = 77
 
 
-def make_report(program, chain, folder):
+def make_report(program, chain, folder, *more):
+    folder.mkdir(exist_ok=True)
     run = folder / "run"
     run.mkdir()
     for name, target in (("1_slam", "1_slam"), ("2_lift", "2_lift_noisy"),
                          ("3_refine", "3_refine_noisy"), ("3_refine_plain", "3_refine_plain")):
         (run / name).symlink_to(chain / target)
     page = folder / "report.html"
-    subprocess.run([program, "--run", run, "--ground-truth", chain / "scene/groundtruth.txt",
-                    "--output", page, "--quiet"], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([program, "--run", run, "--output", page, "--quiet", *more], check=True,
+                   stdout=subprocess.DEVNULL)
     return page
+
+
+class Untold(unittest.TestCase):
+    """A run of which neither the truth nor the trust in its frames is known."""
+
+    program = chain = None
+
+    def test_shows_the_rest(self):
+        with tempfile.TemporaryDirectory() as folder:
+            run_of_old = pathlib.Path(folder) / "old"
+            shutil.copytree(self.chain / "1_slam", run_of_old / "1_slam")
+            (run_of_old / "1_slam/report.json").unlink()
+            for name in ("2_lift_noisy", "3_refine_noisy", "3_refine_plain"):
+                (run_of_old / name).symlink_to(self.chain / name)
+            file = make_report(self.program, run_of_old, pathlib.Path(folder) / "page")
+            page = devtools.Page(devtools.find_browser())
+            try:
+                page.open(file.as_uri())
+                self.assertGreater(page.evaluate("s3lamViewer.visiblePoints()"), 500)
+                for absent in ("showTruth", "trustPath"):
+                    self.assertTrue(page.evaluate(f"document.getElementById('{absent}') === null"))
+                self.assertEqual(page.problems, [])
+            finally:
+                page.close()
 
 
 class Report(unittest.TestCase):
@@ -36,7 +62,8 @@ class Report(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory()
-        cls.file = make_report(cls.program, cls.chain, pathlib.Path(cls.folder.name))
+        cls.file = make_report(cls.program, cls.chain, pathlib.Path(cls.folder.name),
+                               "--ground-truth", cls.chain / "scene/groundtruth.txt")
         cls.page = devtools.Page(devtools.find_browser())
         cls.page.open(cls.file.as_uri())
 
@@ -184,4 +211,5 @@ if __name__ == "__main__":
         print("skipped: no Chromium is installed")
         sys.exit(SKIPPED)
     Report.program, Report.chain = (pathlib.Path(a).resolve() for a in sys.argv[1:3])
+    Untold.program, Untold.chain = Report.program, Report.chain
     unittest.main(argv=sys.argv[:1])
