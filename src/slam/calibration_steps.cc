@@ -76,12 +76,6 @@ void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
   report.distortion_cost_share = calibration.cost_decrease;
   report.pinhole_cost_share = calibration.pinhole_cost_decrease;
   report.better_pinhole = calibration.better_pinhole;
-  if (!report.better_pinhole.empty()) {
-    spdlog::warn(
-        "is this the calibration of the camera, and the map right? {}; --camera auto finds a "
-        "calibration",
-        DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
-  }
   if (!calibration.accepted) return;
   ChangeCamera(calibration.camera, options.num_threads, frames, undistorter);
   AdjustMaps(options, maps);

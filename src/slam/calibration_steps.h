@@ -20,7 +20,7 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
                   FocalReport& report);
 
 /// Checks the calibration against the largest map; where the distortion is refined, everything is
-/// undistorted and adjusted again; where the rest is in doubt, says so.
+/// undistorted and adjusted again; the report says where the rest is in doubt.
 void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
                  Undistorter& undistorter, const Submaps& maps, Report& report);
 

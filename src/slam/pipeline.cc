@@ -226,6 +226,16 @@ void AddFrames(const Undistorter& undistorter, const Map& map, int model,
   for (const int k : map.AliveKeyframes()) report.frames[map.keyframe(k).frame].is_keyframe = true;
 }
 
+/// A map that is wrong asks for another camera as well: only of a right one it says something.
+void TellOfBetterPinhole(Report& report) {
+  if (IsMostlyRefuted(report.frames)) report.better_pinhole.clear();
+  if (report.better_pinhole.empty()) return;
+  spdlog::warn(
+      "is this the calibration of the camera, and the map right? {}; --camera auto finds a "
+      "calibration",
+      DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
+}
+
 /// The models of all maps, and the report.
 Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>& localized,
                   const std::vector<std::vector<double>>& contradictions, RunState& state) {
@@ -253,6 +263,7 @@ Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>
         "camera's calibration, or begin with {:.1f} px, to which it was refined",
         report.focal->refined);
   }
+  TellOfBetterPinhole(report);
   report.stretches = FindStretches(report.frames);
   report.stops = FindStops(ViewsOf(maps, localized), state.undistorter.camera().FocalX());
   result.report = std::move(report);

@@ -16,6 +16,7 @@ constexpr double kMaxRelativeFocalSigma = 0.02;
 constexpr double kCommonFocalSigma = 0.01;  // A choice; between parts nothing shows it.
 constexpr double kGoodTrust = 0.5;
 constexpr double kManyLost = 0.2;     // Of the frames.
+constexpr double kRefuted = 0.5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 
 const char* Name(StretchReport::State state) {
@@ -211,6 +212,17 @@ const char* Describe(StretchReport::Doubt doubt) {
       return "refuted by two views";
   }
   return "";
+}
+
+bool IsMostlyRefuted(const std::vector<FrameReport>& frames) {
+  int num_of_map = 0;
+  int num_refuted = 0;
+  for (const FrameReport& frame : frames) {
+    if (frame.map != 0) continue;
+    ++num_of_map;
+    if (Refutation(frame.contradiction) >= kRefuted) ++num_refuted;
+  }
+  return 2 * num_refuted > num_of_map;
 }
 
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames) {

@@ -39,6 +39,16 @@ TEST(FrameTrust, FallsWithFewPointsInOneCornerThatFitBadlyOrContradictions) {
   EXPECT_EQ(trust(0, 0.0, 0.0, 0.0), 0.0);
 }
 
+TEST(Report, TellsAMapThatIsMostlyRefuted) {
+  std::vector<FrameReport> frames = MakeFrames({{6, 0, 1.0}, {3, 1, 1.0}, {20, -1, 0.0}});
+  EXPECT_FALSE(IsMostlyRefuted(frames));
+  for (int i = 0; i < 9; ++i) frames[static_cast<size_t>(i)].contradiction = i < 3 ? 0.0 : 0.3;
+  EXPECT_FALSE(IsMostlyRefuted(frames));  // Half of it, and another map.
+  frames[2].contradiction = 0.3;
+  EXPECT_TRUE(IsMostlyRefuted(frames));
+  EXPECT_FALSE(IsMostlyRefuted({}));
+}
+
 TEST(FocalReport, SigmaHoldsNoiseAndWhatPartsDifferByAndHaveInCommon) {
   FocalReport focal;
   focal.refined = 500.0;

@@ -88,7 +88,8 @@ struct Report {
   bool camera_was_refined = false;
   double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
   /// What other focal lengths and another principal point would remove of the rest, and fx, fy, cx,
-  /// cy [px] of these if they put the given ones in doubt, see CheckCalibration.
+  /// cy [px] of these if they put the given ones in doubt, see CheckCalibration; none where the map
+  /// is mostly refuted.
   double pinhole_cost_share = 0.0;
   std::vector<double> better_pinhole;
   std::vector<FrameReport> frames;
@@ -106,6 +107,9 @@ bool LosesFramesOfUnknownCamera(const Report& report);
 /// image they cover / 0.5, 1 / reprojection RMS in sigma, each at most one, and 1 - contradiction
 /// / 0.04, at least zero.
 double FrameTrust(const FrameReport& frame);
+
+/// Do two views refute the first map in most of its frames?
+bool IsMostlyRefuted(const std::vector<FrameReport>& frames);
 
 /// Cuts the sequence where the map changes, and where the trust crosses one half for more than a
 /// few frames, or so far that these would belie what is said of those around them.
