@@ -15,7 +15,7 @@ constexpr double kEnoughSpread = 0.5;
 constexpr double kMaxRelativeFocalSigma = 0.02;
 constexpr double kCommonFocalSigma = 0.01;  // A choice; between parts nothing shows it.
 constexpr double kGoodTrust = 0.5;
-constexpr double kManyLost = 0.2;     // Of the frames.
+constexpr double kManyLost = 0.2;  // Of the frames.
 constexpr double kRefuted = 0.5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 

@@ -44,17 +44,17 @@ bool AreSeenApart(const Map& map, int point_a, int point_b) {
 /// What is burnt into all images, or hangs before the lens, stays where it is in the image while
 /// the rest moves, and tells nothing about the motion.
 void LeaveOutStill(const FrameFeatures& a, const FrameFeatures& b,
-                   std::vector<PointMatch>& matches) {
+                   std::vector<KeypointMatch>& matches) {
   constexpr double kStillPx = 1.5;
   constexpr double kMovesPx = 8.0;
   if (matches.empty()) return;
-  const auto shift = [&](const PointMatch& match) -> double {
-    return (a.keypoint(match.keypoint).pixel - b.keypoint(match.point).pixel).norm();
+  const auto shift = [&](const KeypointMatch& match) -> double {
+    return (a.keypoint(match.a).pixel - b.keypoint(match.b).pixel).norm();
   };
   std::vector<double> shifts;
-  for (const PointMatch& match : matches) shifts.push_back(shift(match));
+  for (const KeypointMatch& match : matches) shifts.push_back(shift(match));
   if (Median(std::move(shifts)) < kMovesPx) return;
-  std::erase_if(matches, [&](const PointMatch& match) { return shift(match) < kStillPx; });
+  std::erase_if(matches, [&](const KeypointMatch& match) { return shift(match) < kStillPx; });
 }
 
 /// Keypoints of two keyframes that look alike.
@@ -63,13 +63,8 @@ class Matches {
   Matches(const Map& map, const PinholeIntrinsics& camera, int keyframe_a, int keyframe_b) {
     const FrameFeatures& a = map.features(keyframe_a);
     const FrameFeatures& b = map.features(keyframe_b);
-    std::vector<KeypointMatch> kept = MatchDescriptors(a, b, Detected(a), Detected(b),
-                                                       kStrictDescriptorDistance, kDescriptorRatio);
-    std::vector<float> turns;
-    for (const KeypointMatch& match : kept) {
-      turns.push_back(a.keypoint(match.a).angle - b.keypoint(match.b).angle);
-    }
-    KeepConsistentRotations(turns, kept);
+    std::vector<KeypointMatch> kept =
+        MatchByLooks(a, b, Detected(a), Detected(b), kStrictDescriptorDistance, kDescriptorRatio);
     LeaveOutStill(a, b, kept);
     const double focal = 0.5 * (camera.fx + camera.fy);
     for (const KeypointMatch& match : kept) {
@@ -82,9 +77,9 @@ class Matches {
     threshold_ = kRansacThresholdPx / focal;
     const auto& points_a = map.keyframe(keyframe_a).point_of_keypoint;
     const auto& points_b = map.keyframe(keyframe_b).point_of_keypoint;
-    num_known_wrong_ = std::count_if(kept.begin(), kept.end(), [&](const PointMatch& match) {
-      const int point_a = points_a[match.keypoint];
-      const int point_b = points_b[match.point];
+    num_known_wrong_ = std::count_if(kept.begin(), kept.end(), [&](const KeypointMatch& match) {
+      const int point_a = points_a[match.a];
+      const int point_b = points_b[match.b];
       return point_a != kNoIndex && point_b != kNoIndex && point_a != point_b &&
              AreSeenApart(map, point_a, point_b);
     });
