@@ -108,8 +108,7 @@ void MapSequence(const Options& options, const MapBuilderFactory& make_builder,
         options, make_builder, state, [&] { steps.KeepNowAndThen(); }, state.tracking);
     if (state.maps.empty()) {
       throw InputError(
-          "no pair of frames gives a map to start from: too few matches, too little overlap "
-          "between "
+          "no pair of frames gives a map to start from: too few matches, too little overlap of "
           "consecutive images, or no parallax (is the camera moving, are the calibration and the "
           "order of the images right?)");
     }
