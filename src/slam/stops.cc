@@ -4,6 +4,8 @@
 #include <numbers>
 #include <vector>
 
+#include "s3lam/base/statistics.h"
+
 namespace s3lam::slam {
 namespace {
 
@@ -21,12 +23,6 @@ int CountStill(const std::vector<double>& turns_px) {
   const auto turned =
       std::find_if(turns_px.begin(), turns_px.end(), [](double turn) { return turn > kStillPx; });
   return static_cast<int>(turned - turns_px.begin());
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 /// The stop that begins with frame `first`, as long as it lasts. Where most of it stands still it
