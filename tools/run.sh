@@ -23,6 +23,9 @@ usage: tools/run.sh (--sequence DIR|VIDEO | --model DIR) --masks DIR --classes F
   --camera FILE          camera.json, where the sequence does not bring one; auto: not known
   --format NAME          of the sequence (default: auto)
   --frames A:B:STEP      use only these frames
+  --ignore-masks DIR|FILE
+                         what s3-slam is to keep its features off, see there
+  --lenient              leave out images and masks that cannot be used, and count them
   --mask-format NAME     of the masks (default: auto)
   --mask-json FILE       COCO panoptic JSON, where it is not beside the masks
   --label-map FILE       what the labels in the masks are in the class table
@@ -63,12 +66,13 @@ removes it if an earlier run made it and no input lies in it)"
   leftovers+=("$1")
 }
 
-words=("$@") overwrite='' leftovers=()
+words=("$@") overwrite='' lenient=() leftovers=()
 sequence='' model='' masks='' classes='' output='' ground_truth=''
 slam=() lift=() refine=() report=() common=()
 while (($# > 0)); do
   case $1 in
     --help | -h) usage && exit 0 ;;
+    --lenient) lenient=("$1") && shift && continue ;;
     --overwrite) overwrite=1 ;;&
     --overwrite | --quiet) common+=("$1") && shift && continue ;;
   esac
@@ -81,7 +85,7 @@ while (($# > 0)); do
     --output) output=$2 ;;
     --ground-truth) ground_truth=$2 ;;
     --images) report+=("$1" "$2") ;;
-    --camera | --format | --frames) slam+=("$1" "$2") ;;
+    --camera | --format | --frames | --ignore-masks) slam+=("$1" "$2") ;;
     --mask-format | --mask-json | --label-map) lift+=("$1" "$2") ;;
     --slam-config) slam+=(--config "$2") ;;
     --lift-config) lift+=(--config "$2") ;;
@@ -109,11 +113,12 @@ trap 'rmdir --ignore-fail-on-non-empty "$output"' EXIT  # When the first stage r
 summary=()
 if [[ -n $sequence ]]; then
   model=$output/1_slam
-  "$bin/s3-slam" --sequence "$sequence" --output "$model" "${slam[@]}" "${common[@]}" > /dev/null
+  "$bin/s3-slam" --sequence "$sequence" --output "$model" "${slam[@]}" "${lenient[@]}" \
+    "${common[@]}" > /dev/null
   summary+=(--slam "$model")
 fi
 "$bin/s3-lift" --model "$model" --masks "$masks" --classes "$classes" --output "$output/2_lift" \
-  "${lift[@]}" "${common[@]}" > /dev/null
+  "${lift[@]}" "${lenient[@]}" "${common[@]}" > /dev/null
 "$bin/s3-refine" --model "$model" --semantics "$output/2_lift" --output "$output/3_refine" \
   "${refine[@]}" "${common[@]}" > /dev/null
 if [[ -n $ground_truth ]]; then

@@ -24,7 +24,7 @@ elif "broken" in words:
     sys.exit(3)
 else:
     folder = pathlib.Path(value("--output")); folder.mkdir(parents=True, exist_ok=True)
-    (folder / "report.json").write_text(json.dumps(dict(program=name), indent=2))
+    (folder / "report.json").write_text(json.dumps(dict(program=name, words=words), indent=2))
 """
 
 
@@ -68,6 +68,13 @@ class Run(unittest.TestCase):
         self.assert_shown("1_slam 2_lift 3_refine")
         self.run_on("--model", "model", "--overwrite")
         self.assert_shown("2_lift 3_refine")
+
+    def test_what_cannot_be_used_is_left_out_of_images_and_masks(self):
+        self.run_on("--sequence", "sequence", "--lenient", "--ignore-masks", "time.png")
+        words = {name: json.loads((self.output / name / "report.json").read_text())["words"]
+                 for name in ("1_slam", "2_lift", "3_refine")}
+        self.assertEqual([name for name in words if "--lenient" in words[name]], ["1_slam", "2_lift"])
+        self.assertEqual([name for name in words if "time.png" in words[name]], ["1_slam"])
 
     def test_other_files_stay(self):
         self.run_with_truth()
