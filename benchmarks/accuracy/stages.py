@@ -79,11 +79,14 @@ class Programs:
         return report["trajectory"]
 
     def time_offset(self, estimate, ground_truth):
-        """How far the clock of the ground truth is ahead, and the ATE without and with that."""
+        """How far the clock of the ground truth is ahead, by positions and by rotations, and the ATE
+        without and with the former, and that of exact poses without."""
         report = self.trajectory_error(estimate, ground_truth, "--time-offset", "auto")
         offset = report["time_offset"]
         return {"seconds": offset["seconds"], "sigma_s": offset["sigma_s"],
+                "of_rotations": offset["of_rotations"],
                 "ate_without": offset["without"]["ate_rmse"],
+                "ate_of_exact": offset["exact_poses_without"]["ate_rmse"],
                 "ate": report["ate"]["translation"]["rmse"]}
 
     def help(self, name):

@@ -1,14 +1,14 @@
 #include "s3lam/eval/time_offset.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
-#include <span>
 #include <utility>
 
 #include "s3lam/base/statistics.h"
+#include "s3lam/geometry/alignment.h"
 
 namespace s3lam {
 namespace {
@@ -16,6 +16,7 @@ namespace {
 constexpr double kBridgedIntervals = 3.0;
 constexpr double kScanStepS = 0.01;
 constexpr double kPrecisionS = 1e-6;
+constexpr double kDerivativeStepS = 1e-3;
 constexpr size_t kNumBlocks = 10;
 /// Share of the squared velocities that no alignment explains, at least.
 constexpr double kMinUnexplained = 1e-6;
@@ -33,109 +34,55 @@ int ScanSteps(double max_offset_s) {
   return static_cast<int>(std::floor(max_offset_s / kScanStepS + 1e-9));
 }
 
-/// The distances as a function of the offset, over the poses that the truth covers at every offset
-/// that is tried: with others at each, offsets would not compare.
-class OffsetProblem {
- public:
-  OffsetProblem(const Trajectory& estimate, const Trajectory& ground_truth,
-                TrajectoryAlignment alignment, double max_offset_s)
-      : truth_(ground_truth), alignment_(alignment) {
-    for (const TimedPose& pose : estimate) {
-      bool is_covered = true;
-      const int steps = ScanSteps(max_offset_s);
-      for (int k = -steps; k <= steps && is_covered; ++k) {
-        is_covered = truth_.At(pose.time_s + k * kScanStepS).has_value();
-      }
-      if (is_covered) estimate_.push_back(pose);
-    }
-  }
+using Vectors = std::vector<Eigen::Vector3d>;
 
-  /// Sum of the squared distances after alignment.
-  [[nodiscard]] double Cost(double offset_s) const {
-    std::vector<PosePair> pairs = PairsAt(offset_s);
-    const auto truth_from_estimate = AlignPosePairs(pairs, alignment_);
-    if (!truth_from_estimate) return std::numeric_limits<double>::infinity();
-    double cost = 0.0;
-    for (const PosePair& pair : pairs) {
-      cost +=
-          (pair.truth.translation - *truth_from_estimate * pair.estimate.translation).squaredNorm();
-    }
-    return cost;
-  }
-
-  /// Standard error at the minimum; empty if the motion does not determine the offset.
-  [[nodiscard]] std::optional<double> Sigma(double offset_s) const;
-
- private:
-  [[nodiscard]] std::vector<PosePair> PairsAt(double offset_s) const {
-    std::vector<PosePair> pairs;
-    for (const TimedPose& pose : estimate_) {
-      if (const auto truth = truth_.At(pose.time_s + offset_s)) {
-        pairs.push_back({pose.time_s, truth->world_from_camera, pose.world_from_camera});
-      }
-    }
-    return pairs;
-  }
-
-  PoseInterpolator truth_;
-  TrajectoryAlignment alignment_;
-  Trajectory estimate_;
+/// What is compared at an offset: vectors of the truth there, and those of the estimate aligned
+/// with them. Of the same number and order at every offset.
+struct AlignedVectors {
+  Vectors truth;
+  Vectors estimate;
 };
+using VectorsAtOffset = std::function<std::optional<AlignedVectors>(double offset_s)>;
 
-using AlignmentJacobian = Eigen::Matrix<double, 3, 7>;
-
-/// How an aligned position x changes with the alignment: translation, rotation, scale.
-AlignmentJacobian JacobianOf(const Eigen::Vector3d& x, TrajectoryAlignment alignment) {
-  AlignmentJacobian jacobian = AlignmentJacobian::Zero();
-  if (alignment == TrajectoryAlignment::kNone) return jacobian;
-  jacobian.leftCols<3>().setIdentity();
-  jacobian.middleCols<3>(3) = -CrossMatrix(x);
-  if (alignment == TrajectoryAlignment::kSim3) jacobian.col(6) = x;
-  return jacobian;
+/// Those poses that the truth covers at every offset: with others at each, they would not compare.
+Trajectory CoveredPoses(const Trajectory& estimate, const PoseInterpolator& truth,
+                        double max_offset_s) {
+  const double reach_s = max_offset_s + kDerivativeStepS;
+  Trajectory covered;
+  for (const TimedPose& pose : estimate) {
+    if (truth.Covers(pose.time_s - reach_s, pose.time_s + reach_s)) covered.push_back(pose);
+  }
+  return covered;
 }
 
-/// What no alignment explains of the velocities; the rest says nothing of the offset.
-std::vector<Eigen::Vector3d> UnexplainedVelocities(std::span<const Eigen::Vector3d> aligned,
-                                                   std::span<const Eigen::Vector3d> velocities,
-                                                   TrajectoryAlignment alignment) {
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();
-  for (const Eigen::Vector3d& x : aligned) center += x / static_cast<double>(aligned.size());
-  Eigen::Matrix<double, 7, 7> normal = Eigen::Matrix<double, 7, 7>::Zero();
-  Eigen::Matrix<double, 7, 1> right = Eigen::Matrix<double, 7, 1>::Zero();
-  for (size_t i = 0; i < aligned.size(); ++i) {
-    const AlignmentJacobian jacobian = JacobianOf(aligned[i] - center, alignment);
-    normal += jacobian.transpose() * jacobian;
-    right += jacobian.transpose() * velocities[i];
+double SumOfSquaredDistances(const AlignedVectors& vectors) {
+  double sum = 0.0;
+  for (size_t i = 0; i < vectors.truth.size(); ++i) {
+    sum += (vectors.truth[i] - vectors.estimate[i]).squaredNorm();
   }
-  const Eigen::Matrix<double, 7, 1> explained = normal.ldlt().solve(right);
-  std::vector<Eigen::Vector3d> rest;
-  for (size_t i = 0; i < aligned.size(); ++i) {
-    rest.emplace_back(velocities[i] - JacobianOf(aligned[i] - center, alignment) * explained);
-  }
-  return rest;
+  return sum;
 }
 
-std::optional<double> OffsetProblem::Sigma(double offset_s) const {
-  const std::vector<PosePair> pairs = PairsAt(offset_s);
-  const auto truth_from_estimate = AlignPosePairs(pairs, alignment_);
-  if (!truth_from_estimate) return std::nullopt;
-  std::vector<Eigen::Vector3d> aligned;
-  std::vector<Eigen::Vector3d> velocities;
-  double squared_velocities = 0.0;
-  for (const PosePair& pair : pairs) {
-    aligned.emplace_back(*truth_from_estimate * pair.estimate.translation);
-    velocities.push_back(truth_.At(pair.time_s + offset_s)->velocity);
-    squared_velocities += velocities.back().squaredNorm();
-  }
-  const auto rest = UnexplainedVelocities(aligned, velocities, alignment_);
-  double curvature = 0.0;
+/// Standard error of the offset with the smallest distances; empty if the vectors do not determine
+/// it.
+std::optional<double> SigmaOfOffset(const VectorsAtOffset& vectors_at, double offset_s) {
+  const auto at = vectors_at(offset_s);
+  const auto before = vectors_at(offset_s - kDerivativeStepS);
+  const auto after = vectors_at(offset_s + kDerivativeStepS);
+  if (!at || !before || !after) return std::nullopt;
+  const size_t size = at->truth.size();
+  double squared_derivatives = 0.0;  // Of the truth; an alignment may explain them.
+  double curvature = 0.0;            // Of what no alignment explains; the rest tells no offset.
   std::array<double, kNumBlocks> gradients{};
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    curvature += rest[i].squaredNorm();
-    gradients[i * kNumBlocks / pairs.size()] +=
-        rest[i].dot(pairs[i].truth.translation - aligned[i]);
+  for (size_t i = 0; i < size; ++i) {
+    const Eigen::Vector3d change = after->truth[i] - before->truth[i];
+    const Eigen::Vector3d explained = after->estimate[i] - before->estimate[i];
+    const Eigen::Vector3d rest = (change - explained) / (2.0 * kDerivativeStepS);
+    squared_derivatives += (change / (2.0 * kDerivativeStepS)).squaredNorm();
+    curvature += rest.squaredNorm();
+    gradients[i * kNumBlocks / size] += rest.dot(at->truth[i] - at->estimate[i]);
   }
-  if (!(curvature > kMinUnexplained * squared_velocities)) return std::nullopt;
+  if (!(curvature > kMinUnexplained * squared_derivatives)) return std::nullopt;
   double sum = 0.0;
   for (const double gradient : gradients) sum += gradient * gradient;
   constexpr double kFewBlocks = kNumBlocks / (kNumBlocks - 1.0);
@@ -168,6 +115,50 @@ double Minimise(const Function& function, double low, double high) {
   return 0.5 * (low + high);
 }
 
+/// In the axes of the camera [rad/s].
+Eigen::Vector3d AngularVelocity(const Rigid3& world_from_camera, const Rigid3& world_from_next,
+                                double interval_s) {
+  return RotationVectorFromQuaternion(world_from_camera.rotation.conjugate() *
+                                      world_from_next.rotation) /
+         interval_s;
+}
+
+/// The rotation that brings vectors nearest to others; empty if it is not determined.
+std::optional<Eigen::Quaterniond> AlignDirections(Vectors in_a, Vectors in_b) {
+  const size_t size = in_a.size();
+  for (size_t i = 0; i < size; ++i) {  // With these, nothing is to be shifted.
+    in_a.emplace_back(-in_a[i]);
+    in_b.emplace_back(-in_b[i]);
+  }
+  const auto a_from_b = AlignPoints(in_a, in_b, false);
+  if (!a_from_b) return std::nullopt;
+  return a_from_b->rotation;
+}
+
+/// The offset with the smallest distances.
+std::optional<TimeOffset> FindOffset(const VectorsAtOffset& vectors_at, double max_offset_s) {
+  const auto cost = [&](double offset_s) {
+    const auto vectors = vectors_at(offset_s);
+    return vectors ? SumOfSquaredDistances(*vectors) : std::numeric_limits<double>::infinity();
+  };
+  const int steps = ScanSteps(max_offset_s);
+  int best = 0;
+  double best_cost = std::numeric_limits<double>::infinity();
+  for (int k = -steps; k <= steps; ++k) {
+    const double cost_here = cost(k * kScanStepS);
+    if (cost_here >= best_cost) continue;
+    best = k;
+    best_cost = cost_here;
+  }
+  if (!std::isfinite(best_cost) || std::abs(best) == steps) return std::nullopt;
+  TimeOffset offset;
+  offset.offset_s = Minimise(cost, (best - 1) * kScanStepS, (best + 1) * kScanStepS);
+  const auto sigma = SigmaOfOffset(vectors_at, offset.offset_s);
+  if (!sigma || *sigma > max_offset_s) return std::nullopt;
+  offset.sigma_s = *sigma;
+  return offset;
+}
+
 }  // namespace
 
 PoseInterpolator::PoseInterpolator(const Trajectory& trajectory)
@@ -185,7 +176,7 @@ Eigen::Vector3d PoseInterpolator::SlopeAt(size_t i) const {
          (trajectory_[after].time_s - trajectory_[before].time_s);
 }
 
-std::optional<PoseInterpolator::Sample> PoseInterpolator::At(double time_s) const {
+std::optional<Rigid3> PoseInterpolator::At(double time_s) const {
   const auto after =
       std::lower_bound(trajectory_.begin(), trajectory_.end(), time_s,
                        [](const TimedPose& pose, double time) { return pose.time_s < time; });
@@ -208,13 +199,19 @@ std::optional<PoseInterpolator::Sample> PoseInterpolator::At(double time_s) cons
   // p(s) = p0 + m0 s + (3 d - 2 m0 - m1) s^2 + (m0 + m1 - 2 d) s^3 with d = p1 - p0.
   const Eigen::Vector3d second = 3.0 * step - 2.0 * slope_from - slope_to;
   const Eigen::Vector3d third = slope_from + slope_to - 2.0 * step;
-  Sample sample;
-  sample.world_from_camera.translation =
-      from.world_from_camera.translation + s * (slope_from + s * (second + s * third));
-  sample.world_from_camera.rotation =
-      from.world_from_camera.rotation.slerp(s, to.world_from_camera.rotation).normalized();
-  sample.velocity = (slope_from + s * (2.0 * second + 3.0 * s * third)) / dt;
-  return sample;
+  return Rigid3{
+      from.world_from_camera.rotation.slerp(s, to.world_from_camera.rotation).normalized(),
+      from.world_from_camera.translation + s * (slope_from + s * (second + s * third))};
+}
+
+bool PoseInterpolator::Covers(double from_s, double to_s) const {
+  if (!At(from_s) || !At(to_s)) return false;
+  const auto earlier = [](const TimedPose& pose, double time) { return pose.time_s < time; };
+  auto pose = std::lower_bound(trajectory_.begin(), trajectory_.end(), from_s, earlier);
+  for (; pose != trajectory_.end() && pose->time_s < to_s; ++pose) {
+    if (!IsBridged(static_cast<size_t>(pose - trajectory_.begin()))) return false;
+  }
+  return true;
 }
 
 std::vector<PosePair> PairPosesAtOffset(const Trajectory& estimate, const Trajectory& ground_truth,
@@ -223,9 +220,7 @@ std::vector<PosePair> PairPosesAtOffset(const Trajectory& estimate, const Trajec
   std::vector<PosePair> pairs;
   for (const TimedPose& pose : estimate) {
     const double time_s = pose.time_s + offset_s;
-    if (const auto sample = truth.At(time_s)) {
-      pairs.push_back({time_s, sample->world_from_camera, pose.world_from_camera});
-    }
+    if (const auto at = truth.At(time_s)) pairs.push_back({time_s, *at, pose.world_from_camera});
   }
   return pairs;
 }
@@ -233,24 +228,49 @@ std::vector<PosePair> PairPosesAtOffset(const Trajectory& estimate, const Trajec
 std::optional<TimeOffset> EstimateTimeOffset(const Trajectory& estimate,
                                              const Trajectory& ground_truth,
                                              TrajectoryAlignment alignment, double max_offset_s) {
-  const OffsetProblem problem(estimate, ground_truth, alignment, max_offset_s);
-  const int steps = ScanSteps(max_offset_s);
-  int best = 0;
-  double best_cost = std::numeric_limits<double>::infinity();
-  for (int k = -steps; k <= steps; ++k) {
-    const double cost = problem.Cost(k * kScanStepS);
-    if (cost >= best_cost) continue;
-    best = k;
-    best_cost = cost;
-  }
-  if (!std::isfinite(best_cost) || std::abs(best) == steps) return std::nullopt;
-  TimeOffset offset;
-  offset.offset_s = Minimise([&](double at) { return problem.Cost(at); }, (best - 1) * kScanStepS,
-                             (best + 1) * kScanStepS);
-  const auto sigma = problem.Sigma(offset.offset_s);
-  if (!sigma || *sigma > max_offset_s) return std::nullopt;
-  offset.sigma_s = *sigma;
-  return offset;
+  const PoseInterpolator truth(ground_truth);
+  const Trajectory covered = CoveredPoses(estimate, truth, max_offset_s);
+  const auto positions_at = [&](double offset_s) -> std::optional<AlignedVectors> {
+    std::vector<PosePair> pairs;
+    for (const TimedPose& pose : covered) {
+      pairs.push_back({pose.time_s, *truth.At(pose.time_s + offset_s), pose.world_from_camera});
+    }
+    const auto truth_from_estimate = AlignPosePairs(pairs, alignment);
+    if (!truth_from_estimate) return std::nullopt;
+    AlignedVectors positions;
+    for (const PosePair& pair : pairs) {
+      positions.truth.push_back(pair.truth.translation);
+      positions.estimate.emplace_back(*truth_from_estimate * pair.estimate.translation);
+    }
+    return positions;
+  };
+  return FindOffset(positions_at, max_offset_s);
+}
+
+std::optional<TimeOffset> EstimateTimeOffsetOfRotations(const Trajectory& estimate,
+                                                        const Trajectory& ground_truth,
+                                                        double max_offset_s) {
+  const PoseInterpolator truth(ground_truth);
+  const Trajectory covered = CoveredPoses(estimate, truth, max_offset_s);
+  const double max_interval_s = kBridgedIntervals * MedianInterval(covered);
+  const auto rates_at = [&](double offset_s) -> std::optional<AlignedVectors> {
+    AlignedVectors rates;
+    for (size_t i = 1; i < covered.size(); ++i) {
+      const TimedPose& from = covered[i - 1];
+      const TimedPose& to = covered[i];
+      const double interval_s = to.time_s - from.time_s;
+      if (interval_s > max_interval_s) continue;
+      rates.truth.push_back(AngularVelocity(*truth.At(from.time_s + offset_s),
+                                            *truth.At(to.time_s + offset_s), interval_s));
+      rates.estimate.push_back(
+          AngularVelocity(from.world_from_camera, to.world_from_camera, interval_s));
+    }
+    const auto truth_from_estimate = AlignDirections(rates.truth, rates.estimate);
+    if (!truth_from_estimate) return std::nullopt;
+    for (Eigen::Vector3d& rate : rates.estimate) rate = *truth_from_estimate * rate;
+    return rates;
+  };
+  return FindOffset(rates_at, max_offset_s);
 }
 
 }  // namespace s3lam

@@ -46,6 +46,31 @@ void ApplyAlignment(const Similarity3& truth_from_estimate, std::vector<PosePair
   for (PosePair& pair : pairs) pair.estimate = TransformPose(truth_from_estimate, pair.estimate);
 }
 
+/// RMSE of the positions after alignment; empty if that is not determined.
+std::optional<double> AlignedRmse(std::vector<PosePair> pairs, TrajectoryAlignment alignment) {
+  const auto truth_from_estimate = AlignPosePairs(pairs, alignment);
+  if (!truth_from_estimate) return std::nullopt;
+  ApplyAlignment(*truth_from_estimate, pairs);
+  double sum = 0.0;
+  for (const PosePair& pair : pairs) {
+    sum += (pair.estimate.translation - pair.truth.translation).squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(pairs.size()));
+}
+
+/// The same of an estimate that is the truth itself, `offset_s` later, at the times of `pairs`.
+std::optional<double> AlignedRmseOfExactPoses(const Trajectory& ground_truth,
+                                              std::vector<PosePair> pairs, double offset_s,
+                                              TrajectoryAlignment alignment) {
+  const PoseInterpolator truth(ground_truth);
+  std::erase_if(pairs, [&](PosePair& pair) {
+    const auto later = truth.At(pair.time_s + offset_s);
+    if (later) pair.estimate = *later;
+    return !later.has_value();
+  });
+  return AlignedRmse(std::move(pairs), alignment);
+}
+
 /// The offset that was given or asked for, and what `pairs`, which are without, give.
 TimeOffsetEffect FindTimeOffset(const Trajectory& estimate, const Trajectory& ground_truth,
                                 const TrajectoryErrorOptions& options,
@@ -57,14 +82,15 @@ TimeOffsetEffect FindTimeOffset(const Trajectory& estimate, const Trajectory& gr
           ? EstimateTimeOffset(estimate, ground_truth, options.align, options.max_time_offset_s)
           : TimeOffset{options.time_offset_s, 0.0};
   effect.num_pairs_without = pairs.size();
-  const auto truth_from_estimate = AlignPosePairs(pairs, options.align);
-  if (!truth_from_estimate) return effect;
-  ApplyAlignment(*truth_from_estimate, pairs);
-  double sum = 0.0;
-  for (const PosePair& pair : pairs) {
-    sum += (pair.estimate.translation - pair.truth.translation).squaredNorm();
+  if (effect.offset) {
+    effect.ate_rmse_of_exact =
+        AlignedRmseOfExactPoses(ground_truth, pairs, effect.offset->offset_s, options.align);
   }
-  effect.ate_rmse_without = std::sqrt(sum / static_cast<double>(pairs.size()));
+  if (effect.is_estimated) {
+    effect.of_rotations =
+        EstimateTimeOffsetOfRotations(estimate, ground_truth, options.max_time_offset_s);
+  }
+  effect.ate_rmse_without = AlignedRmse(std::move(pairs), options.align);
   return effect;
 }
 
@@ -183,10 +209,19 @@ nlohmann::json ToJson(const TimeOffsetEffect& effect) {
       {"estimated", effect.is_estimated},
       {"seconds", nullptr},
       {"sigma_s", nullptr},
+      {"of_rotations", nullptr},
+      {"exact_poses_without", {{"ate_rmse", nullptr}}},
       {"without", {{"num_pairs", effect.num_pairs_without}, {"ate_rmse", nullptr}}}};
   if (effect.offset) json["seconds"] = effect.offset->offset_s;
   if (effect.offset && effect.is_estimated) json["sigma_s"] = effect.offset->sigma_s;
   if (effect.ate_rmse_without) json["without"]["ate_rmse"] = *effect.ate_rmse_without;
+  if (effect.ate_rmse_of_exact) {
+    json["exact_poses_without"]["ate_rmse"] = *effect.ate_rmse_of_exact;
+  }
+  if (effect.of_rotations) {
+    json["of_rotations"] = {{"seconds", effect.of_rotations->offset_s},
+                            {"sigma_s", effect.of_rotations->sigma_s}};
+  }
   return json;
 }
 
@@ -218,13 +253,25 @@ nlohmann::json ToJson(const TrajectoryErrors& errors) {
 }
 
 std::string ToTable(const TimeOffsetEffect& effect) {
-  if (!effect.offset) return "time offset           cannot be told, none applied\n";
-  std::string text = fmt::format("time offset           {:.4f} s", effect.offset->offset_s);
-  text += effect.is_estimated ? fmt::format(" +- {:.4f} s, estimated", effect.offset->sigma_s)
-                              : ", given";
-  if (!effect.ate_rmse_without) return text + "\n";
-  return text + fmt::format("; without it {} poses, ATE {:.6f}\n", effect.num_pairs_without,
-                            *effect.ate_rmse_without);
+  std::string text = "time offset           cannot be told, none applied\n";
+  if (effect.offset) {
+    text = fmt::format("time offset           {:.4f} s", effect.offset->offset_s);
+    text += effect.is_estimated ? fmt::format(" +- {:.4f} s, estimated", effect.offset->sigma_s)
+                                : ", given";
+    if (effect.ate_rmse_without) {
+      text += fmt::format("; without it {} poses, ATE {:.6f}", effect.num_pairs_without,
+                          *effect.ate_rmse_without);
+    }
+    if (effect.ate_rmse_of_exact) {
+      text += fmt::format("; that of exact poses {:.6f}", *effect.ate_rmse_of_exact);
+    }
+    text += "\n";
+  }
+  if (effect.of_rotations) {
+    text += fmt::format("  by rotations alone  {:.4f} s +- {:.4f} s\n",
+                        effect.of_rotations->offset_s, effect.of_rotations->sigma_s);
+  }
+  return text;
 }
 
 std::string ToTable(const TrajectoryErrors& errors) {

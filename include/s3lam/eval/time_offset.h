@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <optional>
 #include <vector>
 
@@ -18,12 +17,10 @@ class PoseInterpolator {
   /// trajectory must outlive this.
   explicit PoseInterpolator(const Trajectory& trajectory);
 
-  struct Sample {
-    Rigid3 world_from_camera;
-    Eigen::Vector3d velocity;  // Of the camera's centre, per second.
-  };
-  /// Empty outside the trajectory and where it has a gap.
-  [[nodiscard]] std::optional<Sample> At(double time_s) const;
+  /// world_from_camera; empty outside the trajectory and where it has a gap.
+  [[nodiscard]] std::optional<Rigid3> At(double time_s) const;
+  /// Whether there are poses at all times from `from_s` to `to_s`.
+  [[nodiscard]] bool Covers(double from_s, double to_s) const;
 
  private:
   [[nodiscard]] bool IsBridged(size_t i) const;  // From pose i to pose i + 1.
@@ -53,5 +50,13 @@ std::vector<PosePair> PairPosesAtOffset(const Trajectory& estimate, const Trajec
 std::optional<TimeOffset> EstimateTimeOffset(const Trajectory& estimate,
                                              const Trajectory& ground_truth,
                                              TrajectoryAlignment alignment, double max_offset_s);
+
+/// The same by the angular velocities from pose to pose, whose axes may be those of another body
+/// (an IMU) in the truth. Drift hardly matters to it, positions do not at all: where both offsets
+/// differ, the truth has its positions from another clock than its rotations. Empty also if the
+/// rotations are all about one axis.
+std::optional<TimeOffset> EstimateTimeOffsetOfRotations(const Trajectory& estimate,
+                                                        const Trajectory& ground_truth,
+                                                        double max_offset_s);
 
 }  // namespace s3lam

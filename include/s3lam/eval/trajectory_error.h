@@ -42,6 +42,9 @@ struct TimeOffsetEffect {
   std::optional<TimeOffset> offset;  // Empty if it cannot be told: all errors are without one.
   size_t num_pairs_without = 0;
   std::optional<double> ate_rmse_without;  // Empty where poses pair up with an offset only.
+  /// What poses without any error would be off by, compared without the offset.
+  std::optional<double> ate_rmse_of_exact;
+  std::optional<TimeOffset> of_rotations;  // If an offset was asked for and can be told by them.
 };
 
 /// Lengths are in the ground truth's unit, angles in degrees.
