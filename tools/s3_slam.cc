@@ -191,6 +191,14 @@ std::string Table(const slam::Report& report, size_t num_left_out, const std::st
     table += fmt::format("calibration         in doubt: {}\n",
                          DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
   }
+  if (report.rolling_shutter && report.rolling_shutter->is_compensated) {
+    table += fmt::format("rolling shutter     corrected: {:.1f} ms, {}\n",
+                         1e3 * report.rolling_shutter->readout_s,
+                         ShutterDirectionName(report.rolling_shutter->direction));
+  } else if (report.rolling_shutter && report.rolling_shutter->is_seen) {
+    table += fmt::format("rolling shutter     seen: {:.1f} ms or more\n",
+                         1e3 * report.rolling_shutter->readout_s);
+  }
   for (size_t m = 1; m < report.maps.size(); ++m) {
     const slam::MapReport& map = report.maps[m];
     table += fmt::format("map apart           {}/{}: {} frames of {} to {}, {} keyframes\n", output,

@@ -7,6 +7,7 @@
 
 #include "calibration_steps.h"
 #include "localization_steps.h"
+#include "rolling_shutter_steps.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
@@ -235,6 +236,18 @@ void TellOfBetterPinhole(Report& report) {
       DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
 }
 
+/// Of a wrong map it says as little.
+void TellOfRollingShutter(Report& report) {
+  if (!report.rolling_shutter || report.rolling_shutter->is_compensated) return;
+  RollingShutterReport& shutter = *report.rolling_shutter;
+  shutter.is_seen = shutter.is_seen && !IsMostlyRefuted(report.frames);
+  if (!shutter.is_seen) return;
+  spdlog::warn(
+      "the images were taken by a rolling shutter (of {:.0f} ms or more), which bends the map a "
+      "little: --set rolling_shutter.mode=compensate corrects for it",
+      1e3 * shutter.readout_s);
+}
+
 /// The models of all maps, and the report.
 Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>& localized,
                   const std::vector<std::vector<double>>& contradictions, RunState& state) {
@@ -263,6 +276,7 @@ Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>
         report.focal->refined);
   }
   TellOfBetterPinhole(report);
+  TellOfRollingShutter(report);
   report.stretches = FindStretches(report.frames);
   report.stops = FindStops(ViewsOf(maps, localized), state.undistorter.camera().FocalX());
   result.report = std::move(report);
@@ -299,6 +313,7 @@ void Options::Visit(OptionVisitor& v) {
   v.Group("focal_search", focal_search, "of a camera that is not known");
   v.Group("self_calibration", self_calibration,
           "check of the calibration, refinement of the lens distortion");
+  v.Group("rolling_shutter", rolling_shutter, "images whose lines are exposed one after another");
   v.Group("two_view_check", two_view_check, "signs that a map is bent, for the report");
   v.Value("min_localization_inliers", min_localization_inliers,
           "points that a frame must see in the final map to be localised", 6, 10000);
@@ -390,6 +405,10 @@ Result Run(const Options& given, const Input& input) {
   {
     const ScopedStep step(seconds, "localising all frames");
     localized = LocalizeInMaps(options, input, state.undistorter, maps, state.frames.size());
+  }
+  {
+    const ScopedStep step(seconds, "rolling shutter");
+    HandleRollingShutter(options, input, state.undistorter, maps, localized, state.report);
   }
   std::vector<std::vector<double>> contradictions;
   {

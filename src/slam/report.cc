@@ -242,6 +242,15 @@ std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames)
   return stretches;
 }
 
+nlohmann::json ToJson(const RollingShutterReport& shutter) {
+  return {{"seen", shutter.is_seen},
+          {"compensated", shutter.is_compensated},
+          {"cost_share", shutter.cost_share},
+          {shutter.is_compensated ? "readout_s" : "least_readout_s", shutter.readout_s},
+          {"sigma_s", shutter.sigma_s},
+          {"direction", ShutterDirectionName(shutter.direction)}};
+}
+
 nlohmann::json ToJson(const Report& report) {
   const MapReport main = report.maps.empty() ? MapReport{} : report.maps.front();
   nlohmann::json maps = nlohmann::json::array();
@@ -267,6 +276,8 @@ nlohmann::json ToJson(const Report& report) {
           {"distortion_cost_share", report.distortion_cost_share},
           {"pinhole_cost_share", report.pinhole_cost_share},
           {"better_pinhole", report.better_pinhole},
+          {"rolling_shutter",
+           report.rolling_shutter ? ToJson(*report.rolling_shutter) : nlohmann::json()},
           {"focal_length", report.focal ? ToJson(*report.focal) : nlohmann::json()},
           {"seconds", report.seconds},
           {"stretches", ToJsonArray(report.stretches)},

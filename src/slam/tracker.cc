@@ -17,6 +17,7 @@ constexpr double kDescriptorRatio = 0.8;
 constexpr double kFairShareOfVisible = 0.1;
 constexpr double kFairShareOfLast = 0.5;
 constexpr double kClearlyBetter = 1.5;  // Ratio of matches.
+constexpr double kRecognizedShare = 0.25;  // Of the visible points.
 constexpr double kRansacThresholdPx = 4.0;
 constexpr int kCoverageColumns = 8;
 constexpr int kCoverageRows = 6;
@@ -221,8 +222,12 @@ FrameTrack Tracker::Relocalize(const Map& map, int frame, int keyframe) const {
   if (!wide.tracked) return {};
   const FrameTrack track =
       TrackLocalMap(map, frame, wide.cam_from_world, wide.matches, options_.map_radius_px);
-  // A place found by looks alone must convince more than one that motion led to.
-  return static_cast<int>(track.matches.size()) >= 2 * options_.min_inliers ? track : FrameTrack{};
+  // A place found by looks alone must convince more than one that motion led to. Among two thousand
+  // points of a similar place, a hundred are found by chance.
+  const bool enough = static_cast<int>(track.matches.size()) >= 2 * options_.min_inliers;
+  const double num_visible = static_cast<double>(track.matches.size() + track.missed.size());
+  const double found_share = static_cast<double>(track.matches.size()) / num_visible;
+  return enough && found_share >= kRecognizedShare ? track : FrameTrack{};
 }
 
 FrameTrack Tracker::TrackLocalMap(const Map& map, int frame, const Rigid3& cam_from_world,

@@ -23,6 +23,7 @@ constexpr int kSamples = 4;
 constexpr std::array<std::array<double, 2>, kSamples> kShifts{
     {{-0.125, -0.375}, {0.375, -0.125}, {-0.375, 0.125}, {0.125, 0.375}}};
 constexpr int kBandRows = 16;     // Working set of a band stays in the cache.
+constexpr int kRollingRows = 4;   // That a rolling shutter exposes at one time.
 constexpr size_t kRunPixels = 8;  // Share one level of detail.
 constexpr size_t kNoiseTableSize = 1U << 16;
 
@@ -82,11 +83,20 @@ struct Renderer::Impl {
   [[nodiscard]] Lanes ShadeCurved(const Shading& shading, int surface, float dither, float x,
                                   float y, float inverse_depth) const;
   void ShadeRun(const SubExposure& exposure, int surface, const Run& run) const;
-  void PrepareExposures(int frame, std::array<SubExposure, kSamples>& exposures) const;
+  /// Around `time_s`.
+  void PrepareExposures(double time_s, std::array<SubExposure, kSamples>& exposures) const;
   void AddBand(const SubExposure& exposure, int begin, int end, std::vector<float>& inverse_depth,
                std::vector<int>& surface, Lanes* sums) const;
   [[nodiscard]] cv::Mat Develop(int frame, const std::vector<Lanes>& sums) const;
-  void RenderTruth(RenderedFrame& frame) const;
+  void RenderTruth(int frame, RenderedFrame& rendered) const;
+  /// Rows [begin, end) are exposed so much later than the middle of the image [s].
+  [[nodiscard]] double DelayOf(int begin, int end) const {
+    return (0.5 * (begin + end) / center_rays.height - 0.5) * scene.imaging.readout_time_s;
+  }
+  /// Of the image that has one time and one pose.
+  [[nodiscard]] int RowsAtATime() const {
+    return scene.imaging.readout_time_s > 0.0 ? kRollingRows : center_rays.height;
+  }
   [[nodiscard]] uint32_t Light(const Eigen::Vector3d& normal_in_world) const;
 
   const Scene& scene;
@@ -252,13 +262,13 @@ void Renderer::Impl::ShadeRun(const SubExposure& exposure, int surface, const Ru
   }
 }
 
-void Renderer::Impl::PrepareExposures(int frame,
+void Renderer::Impl::PrepareExposures(double time_s,
                                       std::array<SubExposure, kSamples>& exposures) const {
   for (size_t k = 0; k < kSamples; ++k) {
     SubExposure& exposure = exposures[k];
     const double share = (static_cast<double>(k) + 0.5) / kSamples;
-    const Rigid3 world_from_camera = scene.path.WorldFromCamera(
-        scene.TimeOf(frame) + (share - 0.5) * scene.imaging.exposure_time_s);
+    const Rigid3 world_from_camera =
+        scene.path.WorldFromCamera(time_s + (share - 0.5) * scene.imaging.exposure_time_s);
     exposure.rays = &sample_rays[k];
     exposure.view = synthetic::PrepareView(scene, sample_rays[k], world_from_camera.Inverse());
     exposure.shadings = MakeShadings(exposure.view);
@@ -331,15 +341,21 @@ cv::Mat Renderer::Impl::Develop(int frame, const std::vector<Lanes>& sums) const
   return image;
 }
 
-void Renderer::Impl::RenderTruth(RenderedFrame& frame) const {
-  const synthetic::View view =
-      synthetic::PrepareView(scene, center_rays, frame.world_from_camera.Inverse());
-  frame.depth.create(center_rays.height, center_rays.width, CV_32F);
-  frame.labels.create(center_rays.height, center_rays.width, CV_32S);
-  auto* depth = frame.depth.ptr<float>();
-  auto* label = frame.labels.ptr<int>();
-  synthetic::FindVisible(scene, center_rays, view, 0, center_rays.height, depth, label);
-  for (size_t i = 0; i < frame.depth.total(); ++i) {
+void Renderer::Impl::RenderTruth(int frame, RenderedFrame& rendered) const {
+  const int height = center_rays.height;
+  rendered.depth.create(height, center_rays.width, CV_32F);
+  rendered.labels.create(height, center_rays.width, CV_32S);
+  auto* depth = rendered.depth.ptr<float>();
+  auto* label = rendered.labels.ptr<int>();
+  for (int begin = 0; begin < height; begin += RowsAtATime()) {
+    const int end = std::min(height, begin + RowsAtATime());
+    const synthetic::View view = synthetic::PrepareView(
+        scene, center_rays,
+        scene.path.WorldFromCamera(scene.TimeOf(frame) + DelayOf(begin, end)).Inverse());
+    const size_t offset = static_cast<size_t>(begin) * static_cast<size_t>(center_rays.width);
+    synthetic::FindVisible(scene, center_rays, view, begin, end, depth + offset, label + offset);
+  }
+  for (size_t i = 0; i < rendered.depth.total(); ++i) {
     const int surface = label[i];
     depth[i] = surface < 0 ? 0.0F : 1.0F / depth[i];
     label[i] =
@@ -359,7 +375,7 @@ RenderedFrame Renderer::RenderLabels(int frame) const {
   S3LAM_CHECK(frame >= 0);
   RenderedFrame rendered;
   rendered.world_from_camera = impl_->scene.WorldFromCamera(frame);
-  impl_->RenderTruth(rendered);
+  impl_->RenderTruth(frame, rendered);
   return rendered;
 }
 
@@ -367,14 +383,19 @@ RenderedFrame Renderer::Render(int frame) const {
   S3LAM_CHECK(!impl_->textures.empty());
   RenderedFrame rendered = RenderLabels(frame);
   std::array<SubExposure, kSamples> exposures;
-  impl_->PrepareExposures(frame, exposures);
   const int width = impl_->center_rays.width;
   const int height = impl_->center_rays.height;
   std::vector<Lanes> sums(impl_->center_rays.x.size(), 0);
   std::vector<float> inverse_depth(static_cast<size_t>(width * kBandRows));
   std::vector<int> surface(inverse_depth.size());
-  for (int begin = 0; begin < height; begin += kBandRows) {
-    const int end = std::min(height, begin + kBandRows);
+  const int band_rows = std::min(kBandRows, impl_->RowsAtATime());
+  for (int begin = 0; begin < height; begin += band_rows) {
+    const int end = std::min(height, begin + band_rows);
+    if (begin % impl_->RowsAtATime() == 0) {
+      const int same_time_end = std::min(height, begin + impl_->RowsAtATime());
+      impl_->PrepareExposures(impl_->scene.TimeOf(frame) + impl_->DelayOf(begin, same_time_end),
+                              exposures);
+    }
     for (const SubExposure& exposure : exposures) {
       impl_->AddBand(exposure, begin, end, inverse_depth, surface, sums.data());
     }

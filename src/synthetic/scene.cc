@@ -66,6 +66,7 @@ Scene MakeScene(const std::string& name, uint64_t seed, const SceneOptions& opti
   entry->build(scene);
   scene.imaging.noise_sigma *= options.noise_factor;
   scene.imaging.exposure_time_s *= options.motion_blur;
+  scene.imaging.readout_time_s = options.readout_s;
   scene.path.SetDuration(scene.path.duration_s() / options.speed);
   const double whole_path = std::round(scene.path.duration_s() * scene.fps);
   scene.num_frames =

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
@@ -275,6 +276,70 @@ Scene WithTurn(double stop, double turn_rad) {
   scene.path = CameraPath(positions, targets, duration_s, Shake{}, 1);
   scene.num_frames = static_cast<int>(duration_s * scene.fps);
   return scene;
+}
+
+/// A hand that shakes, and lines that are exposed one after another.
+class RollingShutter : public ::testing::Test {
+ protected:
+  RollingShutter() : scene_(MakeSmallScene("desk", 2)) { scene_.imaging.readout_time_s = 0.025; }
+
+  slam::Result Run(const Camera& camera, const Frames& frames,
+                   RollingShutterOptions::Mode mode) const {
+    slam::Options options;
+    options.rolling_shutter.mode = mode;
+    return RunOn(camera, frames, options);
+  }
+  static double ErrorOf(const slam::Result& result, const Frames& frames) {
+    const auto errors =
+        CompareTrajectories(result.models[0].frames, Truth(frames), {.max_dt_s = 0.001});
+    return errors ? errors->ate_translation.rmse : std::numeric_limits<double>::infinity();
+  }
+  /// Seen unless it is corrected, and corrected for the better.
+  void ExpectCorrected(const Camera& camera, const Frames& frames,
+                       ShutterDirection direction) const {
+    const slam::Result as_is = Run(camera, frames, RollingShutterOptions::Mode::kCheck);
+    EXPECT_TRUE(as_is.report.rolling_shutter->is_seen);
+    EXPECT_FALSE(as_is.report.rolling_shutter->is_compensated);
+    const slam::Result result = Run(camera, frames, RollingShutterOptions::Mode::kCompensate);
+    const slam::RollingShutterReport& report = *result.report.rolling_shutter;
+    EXPECT_TRUE(report.is_compensated);
+    EXPECT_EQ(report.direction, direction);
+    EXPECT_NEAR(report.readout_s, scene_.imaging.readout_time_s, 0.002);
+    EXPECT_LT(ErrorOf(result, frames), 0.4 * ErrorOf(as_is, frames));
+    EXPECT_EQ(CountLocalized(result), static_cast<int>(frames.size()));
+  }
+
+  Scene scene_;
+};
+
+TEST_F(RollingShutter, IsSeenAndCorrected) {
+  ExpectCorrected(scene_.camera, RenderAll(scene_, 90), ShutterDirection::kDown);
+}
+
+TEST_F(RollingShutter, OfACameraHeldUprightIsCorrectedAlongTheColumns) {
+  // The image turned clockwise: what was its upper edge is at the right.
+  Frames frames = RenderAll(scene_, 90);
+  for (Frame& frame : frames) {
+    cv::rotate(frame.image, frame.image, cv::ROTATE_90_CLOCKWISE);
+    const Eigen::Quaterniond turn(
+        Eigen::AngleAxisd(-std::numbers::pi / 2.0, Eigen::Vector3d::UnitZ()));
+    frame.world_from_camera.rotation = frame.world_from_camera.rotation * turn;
+  }
+  Camera camera = scene_.camera;
+  std::swap(camera.width, camera.height);
+  std::swap(camera.params[0], camera.params[1]);
+  camera.params[2] = scene_.camera.height - scene_.camera.params[3];
+  camera.params[3] = scene_.camera.params[2];
+  ExpectCorrected(camera, frames, ShutterDirection::kLeft);
+}
+
+TEST_F(RollingShutter, IsNotSeenInAGlobalOne) {
+  const Frames frames(Rendered().walk.begin(), Rendered().walk.begin() + 90);
+  const slam::Result result =
+      Run(Rendered().room.camera, frames, RollingShutterOptions::Mode::kCompensate);
+  EXPECT_FALSE(result.report.rolling_shutter->is_seen);
+  EXPECT_FALSE(result.report.rolling_shutter->is_compensated);
+  EXPECT_LT(result.report.rolling_shutter->cost_share, 0.005);
 }
 
 /// With keyframes too far apart, what turns into view has no points to hold it.

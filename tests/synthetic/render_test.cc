@@ -223,5 +223,31 @@ TEST(Renderer, NoiseAndBlurFollowTheirOptions) {
   EXPECT_NEAR(cv::mean(Gray(difference))[0], 5.5, 2.0);
 }
 
+TEST(Renderer, ARollingShutterExposesEachRowInItsTurn) {
+  constexpr double kReadout = 0.04;
+  constexpr int kFrame = 20;
+  SceneOptions quiet;
+  quiet.noise_factor = 0.0;
+  SceneOptions rolling = quiet;
+  rolling.readout_s = kReadout;
+  const Scene rolling_scene = MakeScene("posters", 1, rolling);
+  const RenderedFrame rolled = Renderer(rolling_scene, 2).Render(kFrame);
+  const int height = rolled.image.rows;
+  for (const int row : {2, height / 2, height - 3}) {
+    // The whole image as of when that row was exposed.
+    Scene scene = MakeScene("posters", 1, quiet);
+    const double time_s = scene.TimeOf(kFrame) + ((row + 0.5) / height - 0.5) * kReadout;
+    scene.fps = kFrame / time_s;
+    scene.imaging.exposure_swing = 0.0;
+    const RenderedFrame still = Renderer(scene, 2).Render(kFrame);
+    const auto distance = [&](int other_row) {
+      return cv::norm(rolled.depth.row(other_row), still.depth.row(other_row), cv::NORM_L1);
+    };
+    EXPECT_LT(distance(row), 0.2 * distance(row < height / 2 ? height - 3 : 2)) << row;
+  }
+  EXPECT_EQ(rolled.world_from_camera.translation,
+            rolling_scene.WorldFromCamera(kFrame).translation);
+}
+
 }  // namespace
 }  // namespace s3lam

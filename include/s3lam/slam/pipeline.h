@@ -18,6 +18,7 @@
 #include "s3lam/slam/mapper.h"
 #include "s3lam/slam/remapping.h"
 #include "s3lam/slam/report.h"
+#include "s3lam/slam/rolling_shutter.h"
 #include "s3lam/slam/second_pass.h"
 #include "s3lam/slam/submaps.h"
 #include "s3lam/slam/tracker.h"
@@ -41,6 +42,7 @@ struct Options {
   SecondPassOptions second_pass;
   FocalSearchOptions focal_search;
   SelfCalibrationOptions self_calibration;
+  RollingShutterOptions rolling_shutter;
   TwoViewCheckOptions two_view_check;
   int min_localization_inliers = 15;
   int global_rounds = 5;
@@ -93,7 +95,8 @@ struct Result {
 ///   ways; start over where that gets lost for good -> merge maps that meet -> map again
 ///   from elsewhere where two views refute the map, its loops closed -> close loops ->
 ///   match again and align, adjusting in between -> refine the camera -> adjust with the noise that
-///   aligned keypoints have -> localise every frame in the final maps -> export.
+///   aligned keypoints have -> localise every frame in the final maps -> look for a rolling shutter, and
+///   correct for it if asked to -> export.
 /// Throws InputError if no map can be started or images do not fit the camera.
 Result Run(const Options& options, const Input& input);
 

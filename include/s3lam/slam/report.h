@@ -8,6 +8,7 @@
 #include "s3lam/base/timer.h"
 #include "s3lam/slam/loop_closer.h"
 #include "s3lam/slam/remapping.h"
+#include "s3lam/slam/rolling_shutter.h"
 #include "s3lam/slam/stops.h"
 
 namespace s3lam::slam {
@@ -79,6 +80,17 @@ struct FocalReport {
   [[nodiscard]] bool IsDetermined() const;
 };
 
+/// Whether the lines of the images were exposed one after another.
+struct RollingShutterReport {
+  bool is_seen = false;
+  double cost_share = 0.0;  // What a readout time would remove of the reprojection cost.
+  bool is_compensated = false;
+  /// From the first line to the last [s]; at least, unless it is compensated.
+  double readout_s = 0.0;
+  double sigma_s = 0.0;  // Zero if the readout time was given.
+  ShutterDirection direction = ShutterDirection::kDown;
+};
+
 struct Report {
   int num_frames = 0;                // Of the sequence.
   std::vector<MapReport> maps;       // As Result::models: the largest first.
@@ -92,6 +104,7 @@ struct Report {
   /// is mostly refuted.
   double pinhole_cost_share = 0.0;
   std::vector<double> better_pinhole;
+  std::optional<RollingShutterReport> rolling_shutter;  // If it was looked for.
   std::vector<FrameReport> frames;
   std::vector<StretchReport> stretches;  // All frames, in order.
   std::vector<StopReport> stops;

@@ -50,7 +50,8 @@ class Tracker {
   FrameTrack Track(const Map& map, int frame, const FrameTrack& last,
                    const Rigid3& predicted) const;
 
-  /// Finds a frame by descriptors alone against the points of one keyframe, then as above.
+  /// Finds a frame by descriptors alone against the points of one keyframe, then as above. Tracked
+  /// only if a quarter of what should be visible there is.
   FrameTrack Relocalize(const Map& map, int frame, int keyframe) const;
 
   /// Matches the local map around a pose that is nearly right.

@@ -56,6 +56,7 @@ struct Imaging {
   double vignetting = 0.25;        // Loss of light in the corners, 0..1.
   double exposure_swing = 0.08;    // Relative amplitude of slow exposure changes.
   double exposure_time_s = 0.008;  // Motion blur.
+  double readout_time_s = 0.0;     // Rolling shutter: from the first row's exposure to the last's.
   bool color = true;               // BGR, else gray.
 };
 
@@ -79,7 +80,7 @@ struct Scene {
   int background_class_id = -1;   // Class of it; -1 leaves it void.
 
   [[nodiscard]] double TimeOf(int frame) const { return frame / fps; }
-  /// Pose at the middle of the frame's exposure.
+  /// Pose at the middle of the frame's exposure, of the middle row if the shutter is a rolling one.
   [[nodiscard]] Rigid3 WorldFromCamera(int frame) const {
     return path.WorldFromCamera(TimeOf(frame));
   }
@@ -89,11 +90,16 @@ struct SceneOptions {
   int num_frames = 0;         // 0: as many as the scene has by default.
   double noise_factor = 1.0;  // Multiplies sensor noise.
   double motion_blur = 1.0;   // Multiplies the exposure time.
+  double readout_s = 0.0;     // Of a rolling shutter, see Imaging.
   double speed = 1.0;         // Multiplies the speed along the path.
   void Visit(OptionVisitor& v) {
     v.Value("num_frames", num_frames, "frames to render; 0: the scene's own number", 0, 1000000);
     v.Value("noise_factor", noise_factor, "multiplies the sensor noise", 0.0, 20.0);
     v.Value("motion_blur", motion_blur, "multiplies the exposure time", 0.0, 20.0);
+    v.Value("readout_s", readout_s,
+            "rolling shutter: time from the exposure of the first row to that of the last; poses "
+            "are those of the middle row [s]",
+            0.0, 1.0);
     v.Value("speed", speed, "multiplies the camera's speed (fewer frames for the same path)", 0.05,
             20.0);
   }

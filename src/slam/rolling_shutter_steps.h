@@ -1,0 +1,16 @@
+#pragma once
+
+#include "s3lam/slam/pipeline.h"
+#include "s3lam/slam/run_state.h"
+
+namespace s3lam::slam {
+
+/// Says whether the lines of the images were exposed one after another, and, if asked for, corrects
+/// for it: keypoints are moved to where a global shutter would have put them, the maps adjusted and
+/// all frames' poses refined with that, again until the motion and the readout time do not change.
+/// `localized` is as of LocalizeInMaps.
+void HandleRollingShutter(const Options& options, const Input& input,
+                          const Undistorter& undistorter, const Submaps& maps,
+                          std::vector<std::vector<FrameTrack>>& localized, Report& report);
+
+}  // namespace s3lam::slam
