@@ -158,6 +158,14 @@ void AddCalibrationDoubt(const json& object, const std::string& whose,
       share ? fmt::format(" ({:.0f} % of the reprojection cost)", 100.0 * *share) : ""));
 }
 
+void AddShutterDoubt(const json& slam, std::vector<std::string>& doubts) {
+  const json& shutter = Member(slam, "rolling_shutter");
+  if (Member(shutter, "seen") != json(true) || Member(shutter, "compensated") == json(true)) return;
+  doubts.emplace_back(
+      "The images were taken by a rolling shutter, which bends the map a little: s3-slam corrects "
+      "for it with --set rolling_shutter.mode=compensate.");
+}
+
 void AddRefinedCalibrationDoubts(const RunFolder& run, std::vector<std::string>& doubts) {
   const json* report = FindReport(run, "3_refine");
   if (report == nullptr) report = FindReport(run, "3_refine_plain");
@@ -227,6 +235,7 @@ std::vector<std::string> DescribeDoubts(const RunFolder& run, const FrameTrust& 
     AddMapDoubt(*slam, doubts);
     AddFocalDoubt(*slam, doubts);
     AddCalibrationDoubt(*slam, "", doubts);
+    AddShutterDoubt(*slam, doubts);
     AddLeftOutDoubt(*slam, doubts);
   }
   AddRefinedCalibrationDoubts(run, doubts);

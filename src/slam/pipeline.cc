@@ -212,15 +212,40 @@ std::vector<std::optional<FrameView>> ViewsOf(
   return views;
 }
 
+/// What pairs of keyframes say of the frames of a map.
+struct TwoViewVerdict {
+  std::vector<double> contradictions;
+  std::vector<uint8_t> is_cut_off;
+};
+
+TwoViewVerdict JudgeByTwoViews(const Options& options, const Undistorter& undistorter,
+                               const Map& map, const std::vector<FrameTrack>& localized) {
+  std::vector<TwoViewCheck> checks =
+      CheckTwoViews(options.two_view_check, map, undistorter, options.num_threads);
+  TwoViewVerdict verdict{ContradictionOfFrames(checks, localized.size()),
+                         std::vector<uint8_t>(localized.size(), 0)};
+  std::erase_if(checks, [&](const TwoViewCheck& check) {
+    return check.num_matches < options.remapping.min_matches;
+  });
+  std::vector<double> doubts = ContradictionOfFrames(checks, localized.size());
+  std::transform(doubts.begin(), doubts.end(), doubts.begin(), Refutation);
+  const MapParts parts = FindParts(map, localized, doubts);
+  for (size_t i = 0; i < localized.size(); ++i) {
+    verdict.is_cut_off[i] = localized[i].tracked && parts.of_frame[i] != parts.largest ? 1 : 0;
+  }
+  return verdict;
+}
+
 void AddFrames(const Undistorter& undistorter, const Map& map, int model,
-               const std::vector<FrameTrack>& localized, const std::vector<double>& contradictions,
+               const std::vector<FrameTrack>& localized, const TwoViewVerdict& verdict,
                Report& report) {
   for (int i = 0; i < static_cast<int>(localized.size()); ++i) {
     if (!localized[i].tracked) continue;
     FrameReport& frame = report.frames[i];
     frame = DescribeFrame(undistorter, map, i, localized[i]);
     frame.map = model;
-    frame.contradiction = contradictions[i];
+    frame.contradiction = verdict.contradictions[i];
+    frame.is_cut_off = verdict.is_cut_off[i] != 0;
     frame.trust = FrameTrust(frame);
   }
   for (const int k : map.AliveKeyframes()) report.frames[map.keyframe(k).frame].is_keyframe = true;
@@ -248,9 +273,19 @@ void TellOfRollingShutter(Report& report) {
       1e3 * shutter.readout_s);
 }
 
+void TellOfDoubt(const Options& options, const Report& report) {
+  const double share = ShareInDoubt(report.frames);
+  if (share <= options.remapping.max_doubt) return;
+  spdlog::warn(
+      "{:.0f} % of the frames are in doubt: two views refute the map there, or such frames are all "
+      "that holds them to the rest; see the stretches that are little trusted",
+      100.0 * share);
+}
+
 /// The models of all maps, and the report.
-Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>& localized,
-                  const std::vector<std::vector<double>>& contradictions, RunState& state) {
+Result MakeResult(const Options& options, const Input& input,
+                  const std::vector<std::vector<FrameTrack>>& localized,
+                  const std::vector<TwoViewVerdict>& verdicts, RunState& state) {
   Result result;
   Report& report = state.report;
   const Submaps& maps = state.maps;
@@ -261,7 +296,7 @@ Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>
     result.models.push_back(Export(input, state.undistorter.camera(), map, localized[m]));
     report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
     report.maps[m].loops = std::move(state.loops[m]);
-    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], contradictions[m], report);
+    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], verdicts[m], report);
   }
   if (report.focal && !report.focal->IsDetermined()) {
     spdlog::warn(
@@ -275,6 +310,7 @@ Result MakeResult(const Input& input, const std::vector<std::vector<FrameTrack>>
         "camera's calibration, or begin with {:.1f} px, to which it was refined",
         report.focal->refined);
   }
+  TellOfDoubt(options, report);
   TellOfBetterPinhole(report);
   TellOfRollingShutter(report);
   report.stretches = FindStretches(report.frames);
@@ -410,19 +446,16 @@ Result Run(const Options& given, const Input& input) {
     const ScopedStep step(seconds, "rolling shutter");
     HandleRollingShutter(options, input, state.undistorter, maps, localized, state.report);
   }
-  std::vector<std::vector<double>> contradictions;
+  std::vector<TwoViewVerdict> verdicts;
   {
     const ScopedStep step(seconds, "two-view check");
-    for (const auto& builder : maps) {
-      contradictions.push_back(
-          ContradictionOfFrames(CheckTwoViews(options.two_view_check, builder->map(),
-                                              state.undistorter, options.num_threads),
-                                state.frames.size()));
+    for (size_t m = 0; m < maps.size(); ++m) {
+      verdicts.push_back(JudgeByTwoViews(options, state.undistorter, maps[m]->map(), localized[m]));
     }
   }
   WarnOfSmallImages(input.camera);
   const ScopedStep step(seconds, "export");
-  return MakeResult(input, localized, contradictions, state);
+  return MakeResult(options, input, localized, verdicts, state);
 }
 
 }  // namespace s3lam::slam

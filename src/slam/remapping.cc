@@ -68,41 +68,13 @@ class Groups {
   std::vector<int> parent_;
 };
 
-/// Per frame, 1 - its doubt within the part of the map that most such frames are in, else 0. Beyond
-/// keyframes that are refuted a map goes on at any scale, unless others see points on both sides.
+/// Per frame, 1 - its doubt within the largest part of the map, else 0.
 std::vector<double> CertaintyInLargestPart(const MapBuilder& builder,
                                            const std::vector<double>& doubts) {
-  const Map& map = builder.map();
-  const std::vector<int> keyframes = map.KeyframesInTime();
-  const auto is_refuted = [&](int k) { return doubts[map.keyframe(k).frame] >= kNoDoubt; };
-  Groups parts(static_cast<size_t>(map.num_keyframes()));
-  int previous = kNoIndex;
-  for (const int k : keyframes) {
-    if (!is_refuted(k)) {
-      if (previous != kNoIndex && !is_refuted(previous)) parts.Join(previous, k);
-      for (const auto& [shared, other] : map.Covisible(k)) {
-        if (shared >= kMinShared && !is_refuted(other)) parts.Join(other, k);
-      }
-    }
-    previous = k;
-  }
-  std::vector<int> part_of_frame(doubts.size(), kNoIndex);
-  std::vector<double> size_of_part(static_cast<size_t>(map.num_keyframes()), 0.0);
-  size_t next = 0;
-  for (size_t i = 0; i < doubts.size(); ++i) {
-    while (next + 1 < keyframes.size() &&
-           map.keyframe(keyframes[next + 1]).frame <= static_cast<int>(i)) {
-      ++next;
-    }
-    if (!builder.tracks()[i].tracked || keyframes.empty()) continue;
-    part_of_frame[i] = parts.Of(keyframes[next]);
-    size_of_part[part_of_frame[i]] += 1.0 - doubts[i];
-  }
-  const auto largest = static_cast<int>(std::max_element(size_of_part.begin(), size_of_part.end()) -
-                                        size_of_part.begin());
+  const MapParts parts = FindParts(builder.map(), builder.tracks(), doubts);
   std::vector<double> certainty(doubts.size(), 0.0);
   for (size_t i = 0; i < doubts.size(); ++i) {
-    if (part_of_frame[i] == largest) certainty[i] = 1.0 - doubts[i];
+    if (parts.of_frame[i] == parts.largest) certainty[i] = 1.0 - doubts[i];
   }
   return certainty;
 }
@@ -130,6 +102,39 @@ std::vector<double> DoubtsOfFrames(const TwoViewCheckOptions& options, const Sub
     }
   }
   return doubts;
+}
+
+MapParts FindParts(const Map& map, const std::vector<FrameTrack>& tracks,
+                   const std::vector<double>& doubts) {
+  const std::vector<int> keyframes = map.KeyframesInTime();
+  const auto is_refuted = [&](int k) { return doubts[map.keyframe(k).frame] >= kNoDoubt; };
+  Groups groups(static_cast<size_t>(map.num_keyframes()));
+  int previous = kNoIndex;
+  for (const int k : keyframes) {
+    if (!is_refuted(k)) {
+      if (previous != kNoIndex && !is_refuted(previous)) groups.Join(previous, k);
+      for (const auto& [shared, other] : map.Covisible(k)) {
+        if (shared >= kMinShared && !is_refuted(other)) groups.Join(other, k);
+      }
+    }
+    previous = k;
+  }
+  MapParts parts;
+  parts.of_frame.assign(doubts.size(), kNoIndex);
+  std::vector<double> certainty(static_cast<size_t>(map.num_keyframes()), 0.0);
+  size_t next = 0;
+  for (size_t i = 0; i < doubts.size(); ++i) {
+    while (next + 1 < keyframes.size() &&
+           map.keyframe(keyframes[next + 1]).frame <= static_cast<int>(i)) {
+      ++next;
+    }
+    if (!tracks[i].tracked || keyframes.empty()) continue;
+    parts.of_frame[i] = groups.Of(keyframes[next]);
+    certainty[parts.of_frame[i]] += 1.0 - doubts[i];
+  }
+  parts.largest =
+      static_cast<int>(std::max_element(certainty.begin(), certainty.end()) - certainty.begin());
+  return parts;
 }
 
 double PartInDoubt(const Submaps& maps, const std::vector<double>& doubts) {

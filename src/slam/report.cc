@@ -17,6 +17,8 @@ constexpr double kCommonFocalSigma = 0.01;  // A choice; between parts nothing s
 constexpr double kGoodTrust = 0.5;
 constexpr double kManyLost = 0.2;  // Of the frames.
 constexpr double kRefuted = 0.5;
+constexpr double kCutOffTrust = 0.4;
+constexpr size_t kNumDoubts = 5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
 
 const char* Name(StretchReport::State state) {
@@ -37,11 +39,13 @@ StretchReport::State StateOf(int map, double trust) {
 }
 
 /// In the order of StretchReport::Doubt.
-std::array<double, 4> TrustFactors(const FrameReport& frame) {
+std::array<double, kNumDoubts> TrustFactors(const FrameReport& frame) {
   return {std::min(1.0, static_cast<double>(frame.num_inliers) / kEnoughInliers),
           std::min(1.0, frame.spread / kEnoughSpread), 1.0 / std::max(1.0, frame.rms_sigma),
-          1.0 - Refutation(frame.contradiction)};
+          1.0 - Refutation(frame.contradiction), frame.is_cut_off ? kCutOffTrust : 1.0};
 }
+
+bool IsRefuted(const FrameReport& frame) { return Refutation(frame.contradiction) >= kRefuted; }
 
 int Length(const StretchReport& stretch) { return stretch.last_frame - stretch.first_frame + 1; }
 
@@ -86,9 +90,9 @@ std::vector<StretchReport> JoinShort(const std::vector<StretchReport>& stretches
 /// The factor of trust that is lowest over the frames of the stretch.
 StretchReport::Doubt WorstDoubt(const std::vector<FrameReport>& frames,
                                 const StretchReport& stretch) {
-  std::array<double, 4> sums{};
+  std::array<double, kNumDoubts> sums{};
   for (int i = stretch.first_frame; i <= stretch.last_frame; ++i) {
-    const std::array<double, 4> factors = TrustFactors(frames[i]);
+    const std::array<double, kNumDoubts> factors = TrustFactors(frames[i]);
     for (size_t f = 0; f < sums.size(); ++f) sums[f] += factors[f];
   }
   return static_cast<StretchReport::Doubt>(std::min_element(sums.begin(), sums.end()) -
@@ -170,6 +174,7 @@ nlohmann::json ToJson(const FrameReport& frame) {
           {"spread", frame.spread},
           {"rms_sigma", frame.rms_sigma},
           {"contradiction", frame.contradiction},
+          {"cut_off", frame.is_cut_off},
           {"trust", frame.trust}};
 }
 
@@ -210,6 +215,8 @@ const char* Describe(StretchReport::Doubt doubt) {
       return "large residuals";
     case StretchReport::Doubt::kRefuted:
       return "refuted by two views";
+    case StretchReport::Doubt::kCutOff:
+      return "cut off by refuted frames";
   }
   return "";
 }
@@ -220,9 +227,16 @@ bool IsMostlyRefuted(const std::vector<FrameReport>& frames) {
   for (const FrameReport& frame : frames) {
     if (frame.map != 0) continue;
     ++num_of_map;
-    if (Refutation(frame.contradiction) >= kRefuted) ++num_refuted;
+    if (IsRefuted(frame)) ++num_refuted;
   }
   return 2 * num_refuted > num_of_map;
+}
+
+double ShareInDoubt(const std::vector<FrameReport>& frames) {
+  const auto count = std::count_if(frames.begin(), frames.end(), [](const FrameReport& frame) {
+    return frame.localized() && (frame.is_cut_off || IsRefuted(frame));
+  });
+  return static_cast<double>(count) / std::max(1.0, static_cast<double>(frames.size()));
 }
 
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames) {

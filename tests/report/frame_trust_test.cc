@@ -159,6 +159,13 @@ TEST(Doubts, CalibrationAndFocalLength) {
   EXPECT_THAT(DoubtsOf(RunOf({}, {{"cameras", json::array({refined})}})), IsEmpty());
 }
 
+TEST(Doubts, RollingShutterThatIsNotCorrected) {
+  for (const bool compensated : {false, true}) {
+    const json shutter = {{"seen", true}, {"compensated", compensated}};
+    EXPECT_EQ(DoubtsOf(RunOf({{"rolling_shutter", shutter}})).size(), compensated ? 0U : 1U);
+  }
+}
+
 TEST(Doubts, ImagesLeftOut) {
   EXPECT_THAT(
       DoubtsOf(RunOf({{"images_left_out", {"a.png: cannot be decoded", "b.png: too small"}}})),

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <memory>
 #include <numeric>
 
@@ -56,6 +57,19 @@ class RemappingTest : public ::testing::Test {
   std::vector<FrameFeatures> frames_;
   std::unique_ptr<Vocabulary> vocabulary_;
 };
+
+TEST_F(RemappingTest, RefutedKeyframesCutAMap) {
+  const MappedSequence mapped = Mapped();
+  const MapBuilder& builder = *mapped.maps.front();
+  std::vector<double> doubts(kFrames, 0.0);
+  MapParts parts = FindParts(builder.map(), builder.tracks(), doubts);
+  EXPECT_EQ(std::count(parts.of_frame.begin(), parts.of_frame.end(), parts.largest), kFrames);
+  std::fill(doubts.begin() + 16, doubts.begin() + 20, 1.0);
+  parts = FindParts(builder.map(), builder.tracks(), doubts);
+  for (int i = 0; i < kFrames; ++i) {
+    EXPECT_EQ(parts.of_frame[static_cast<size_t>(i)] == parts.largest, i >= 20) << i;
+  }
+}
 
 TEST_F(RemappingTest, ARightMapIsLeftAlone) {
   MappedSequence mapped = Mapped();

@@ -39,6 +39,29 @@ TEST(FrameTrust, FallsWithFewPointsInOneCornerThatFitBadlyOrContradictions) {
   EXPECT_EQ(trust(0, 0.0, 0.0, 0.0), 0.0);
 }
 
+TEST(FrameTrust, IsLittleWhereAFrameIsCutOff) {
+  FrameReport frame;
+  frame.map = 0;
+  frame.num_inliers = 300;
+  frame.spread = 1.0;
+  frame.is_cut_off = true;
+  EXPECT_EQ(FrameTrust(frame), 0.4);
+  frame.trust = FrameTrust(frame);
+  const auto stretches = FindStretches(std::vector<FrameReport>(9, frame));
+  ASSERT_EQ(stretches.size(), 1U);
+  EXPECT_EQ(stretches.front().state, StretchReport::State::kWeak);
+  EXPECT_EQ(stretches.front().doubt, StretchReport::Doubt::kCutOff);
+}
+
+TEST(Report, CountsWhatIsInDoubt) {
+  std::vector<FrameReport> frames = MakeFrames({{6, 0, 1.0}, {2, -1, 0.0}});
+  EXPECT_EQ(ShareInDoubt(frames), 0.0);
+  frames[0].contradiction = 0.3;
+  frames[1].is_cut_off = true;
+  EXPECT_EQ(ShareInDoubt(frames), 0.25);
+  EXPECT_EQ(ShareInDoubt({}), 0.0);
+}
+
 TEST(Report, TellsAMapThatIsMostlyRefuted) {
   std::vector<FrameReport> frames = MakeFrames({{6, 0, 1.0}, {3, 1, 1.0}, {20, -1, 0.0}});
   EXPECT_FALSE(IsMostlyRefuted(frames));

@@ -46,8 +46,17 @@ std::vector<double> DoubtsOfFrames(const TwoViewCheckOptions& options, const Sub
                                    const Undistorter& undistorter, int num_threads,
                                    size_t num_frames);
 
-/// Part of the frames that are in doubt, or cut off: beyond keyframes that are refuted, and without
-/// points in common with what most frames of their map hold together, place and scale are a guess.
+/// What of a map hangs together: beyond keyframes that are refuted it goes on at any place and
+/// scale, unless others see points on both sides.
+struct MapParts {
+  std::vector<int> of_frame;  // kNoIndex where a frame is not in the map.
+  int largest = kNoIndex;     // The part with the most frames, by their certainty.
+};
+/// `doubts` as of DoubtsOfFrames, of this map.
+MapParts FindParts(const Map& map, const std::vector<FrameTrack>& tracks,
+                   const std::vector<double>& doubts);
+
+/// Part of the frames that are in doubt, or outside the largest part of their map.
 double PartInDoubt(const Submaps& maps, const std::vector<double>& doubts);
 
 /// Where the maps leave too many frames in doubt or cut off, maps the sequence again, from the

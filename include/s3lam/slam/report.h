@@ -21,6 +21,7 @@ struct FrameReport {
   double spread = 0.0;         // Share of the image, by cells of a grid, that they cover.
   double rms_sigma = 0.0;      // Their reprojection error in standard deviations.
   double contradiction = 0.0;  // Of the map by two views around it, see TwoViewCheck.
+  bool is_cut_off = false;     // From most of its map, by frames that two views refute.
   double trust = 0.0;          // In [0, 1], see FrameTrust.
 
   [[nodiscard]] bool localized() const { return map >= 0; }
@@ -30,7 +31,7 @@ struct FrameReport {
 struct StretchReport {
   enum class State { kLost, kWeak, kGood };
   /// The factors of FrameTrust, in its order.
-  enum class Doubt { kFewPoints, kSmallPart, kLargeResiduals, kRefuted };
+  enum class Doubt { kFewPoints, kSmallPart, kLargeResiduals, kRefuted, kCutOff };
   int first_frame = 0;
   int last_frame = 0;
   int map = -1;
@@ -116,13 +117,17 @@ nlohmann::json ToJson(const Report& report);
 /// lost under a wrong focal length are not all found again when it is refined.
 bool LosesFramesOfUnknownCamera(const Report& report);
 
-/// Product of four factors that are one where nothing is in doubt: points seen / 60, share of the
-/// image they cover / 0.5, 1 / reprojection RMS in sigma, each at most one, and 1 - contradiction
-/// / 0.04, at least zero.
+/// Product of five factors that are one where nothing is in doubt: points seen / 60, share of the
+/// image they cover / 0.5, 1 / reprojection RMS in sigma, each at most one, 1 - contradiction
+/// / 0.04, at least zero, and 0.4 where a frame is cut off: it may fit its neighbours, but its
+/// place and scale in the map are a guess.
 double FrameTrust(const FrameReport& frame);
 
 /// Do two views refute the first map in most of its frames?
 bool IsMostlyRefuted(const std::vector<FrameReport>& frames);
+
+/// Of all frames, those that are refuted or cut off.
+double ShareInDoubt(const std::vector<FrameReport>& frames);
 
 /// Cuts the sequence where the map changes, and where the trust crosses one half for more than a
 /// few frames, or so far that these would belie what is said of those around them.
