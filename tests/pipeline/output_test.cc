@@ -15,6 +15,7 @@ using testing::FileBytes;
 using testing::kBadInput;
 using testing::kDone;
 using testing::kFailed;
+using testing::kWrongUsage;
 using testing::Listing;
 using testing::ProgramResult;
 using testing::RunTool;
@@ -64,8 +65,21 @@ TEST_F(Output, AnInputInItIsNotRemoved) {
                         std::filesystem::copy_options::recursive);
   ExpectRefused(RunTool("s3-refine", {"--model", (place_ / "out" / "model").string(), "--output",
                                       (place_ / "out").string(), "--overwrite"}),
-                testing::kWrongUsage, {"would remove --model"});
+                kWrongUsage, {"would remove --model"});
   EXPECT_TRUE(std::filesystem::exists(place_ / "out" / "model" / "points3D.bin"));
+}
+
+TEST_F(Output, AnInputIsNotReplaced) {
+  place_.Write("photos/1.png", "a photo");
+  const std::string photos = (place_ / "photos").string();
+  ExpectRefused(RunTool("s3-slam", {"--sequence", photos, "--output", photos + "/", "--overwrite"}),
+                kWrongUsage, {"would remove --sequence"});
+  ExpectRefused(RunTool("s3-slam", {"--sequence", "elsewhere", "--ignore-masks", photos, "--output",
+                                    photos, "--overwrite"}),
+                kWrongUsage, {"would remove --ignore-masks"});
+  ExpectRefused(Refine(model(), {"--overwrite"}), kWrongUsage, {"would remove --model"});
+  EXPECT_EQ(FileBytes(place_ / "photos/1.png"), "a photo");
+  EXPECT_THAT(Listing(place_.path()), ::testing::ElementsAre("photos"));
 }
 
 TEST_F(Output, FailureKeepsTheOldOne) {

@@ -98,7 +98,7 @@ std::string OneLine(std::string text) {
   return text;
 }
 
-/// Replacing a folder must not take inputs away that lie in it.
+/// Replacing a folder must not take inputs away that lie in it, or are it.
 void CheckOutputHoldsNoInput(const po::variables_map& arguments) {
   namespace fs = std::filesystem;
   if (arguments.count("output") == 0 || !arguments["overwrite"].as<bool>()) return;
@@ -107,11 +107,11 @@ void CheckOutputHoldsNoInput(const po::variables_map& arguments) {
   if (error || !fs::is_directory(output, error)) return;
   for (const auto& [name, value] : arguments) {
     const auto* text = boost::any_cast<std::string>(&value.value());
-    if (text == nullptr || text->empty()) continue;
+    if (name == "output" || text == nullptr || text->empty()) continue;
     const fs::path input = fs::canonical(*text, error);
     if (error) continue;  // A name of something else, or missing, which others say.
     const fs::path inside = input.lexically_relative(output);
-    if (inside.empty() || inside == "." || *inside.begin() == "..") continue;
+    if (inside.empty() || *inside.begin() == "..") continue;
     throw UsageError(fmt::format("--overwrite would remove --{} {} with the folder {}", name, *text,
                                  output.string()));
   }
