@@ -53,6 +53,20 @@ TEST_F(ReportUsage, NeedsSomethingToWrite) {
                 {"--output", "--png"});
 }
 
+TEST_F(ReportUsage, PicturesDoNotReplaceWhatIsRead) {
+  fs::create_directories(inputs_ / "run/images");
+  for (const fs::path& pictures : {inputs_.path(), run()}) {
+    ExpectRefused(
+        RunTool("s3-report", {"--run", run().string(), "--png", pictures.string(), "--overwrite"}),
+        kWrongUsage, {"would remove --run"});
+  }
+  ExpectRefused(
+      RunTool("s3-report", {"--run", model().string(), "--images", (run() / "images").string(),
+                            "--png", run().string(), "--overwrite"}),
+      kWrongUsage, {"would remove --images"});
+  EXPECT_THAT(testing::Listing(run()), ::testing::ElementsAre("1_slam", "2_lift", "images"));
+}
+
 TEST_F(ReportUsage, EmptyRun) {
   fs::remove(run() / "1_slam");
   fs::remove(run() / "2_lift");

@@ -98,22 +98,23 @@ std::string OneLine(std::string text) {
   return text;
 }
 
-/// Replacing a folder must not take inputs away that lie in it, or are it.
-void CheckOutputHoldsNoInput(const po::variables_map& arguments) {
+/// Replacing the folder that the argument `output` names must not take inputs away that lie in it,
+/// or are it. Throws UsageError naming the first.
+void CheckFolderHoldsNoInput(const po::variables_map& arguments, const std::string& output) {
   namespace fs = std::filesystem;
-  if (arguments.count("output") == 0 || !arguments["overwrite"].as<bool>()) return;
+  if (arguments.count(output) == 0) return;
   std::error_code error;
-  const fs::path output = fs::canonical(arguments["output"].as<std::string>(), error);
-  if (error || !fs::is_directory(output, error)) return;
+  const fs::path folder = fs::canonical(arguments[output].as<std::string>(), error);
+  if (error || !fs::is_directory(folder, error)) return;
   for (const auto& [name, value] : arguments) {
     const auto* text = boost::any_cast<std::string>(&value.value());
-    if (name == "output" || text == nullptr || text->empty()) continue;
+    if (name == output || text == nullptr || text->empty()) continue;
     const fs::path input = fs::canonical(*text, error);
     if (error) continue;  // A name of something else, or missing, which others say.
-    const fs::path inside = input.lexically_relative(output);
+    const fs::path inside = input.lexically_relative(folder);
     if (inside.empty() || *inside.begin() == "..") continue;
     throw UsageError(fmt::format("--overwrite would remove --{} {} with the folder {}", name, *text,
-                                 output.string()));
+                                 folder.string()));
   }
 }
 
@@ -148,7 +149,11 @@ int RunParsed(int argc, char** argv, const Program& program) {
     return 0;
   }
   const CommonArguments common = ParseCommon(arguments);
-  CheckOutputHoldsNoInput(arguments);
+  if (common.overwrite) {
+    for (const std::string& output : program.output_folders) {
+      CheckFolderHoldsNoInput(arguments, output);
+    }
+  }
   InitLogging(common.quiet);
   {
     PrepareImageDecoders();

@@ -33,6 +33,8 @@ struct Program {
   nlohmann::json default_config;
   /// Does the work. Throws InputError, UsageError or any std::exception.
   std::function<void(const boost::program_options::variables_map&, const CommonArguments&)> run;
+  /// Names of the arguments that say which folders are written, and replaced by --overwrite.
+  std::vector<std::string> output_folders = {"output"};
 };
 
 /// Parses, handles --help, --version and --print-config, runs, and turns exceptions into one line
