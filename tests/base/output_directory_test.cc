@@ -3,10 +3,31 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
 
 #include "s3lam/base/error.h"
 #include "support/temp_dir.h"
+
+namespace {
+
+/// As on file systems that know no flags of renameat2: it refuses them.
+bool g_has_rename_flags = true;  // NOLINT: set by tests.
+
+}  // namespace
+
+/// In place of the C library's.
+extern "C" int renameat2(int from_fd, const char* from, int to_fd, const char* to,
+                         unsigned int flags) noexcept {
+  if (g_has_rename_flags || flags == 0) {
+    return static_cast<int>(syscall(SYS_renameat2, from_fd, from, to_fd, to, flags));
+  }
+  errno = EINVAL;
+  return -1;
+}
 
 namespace s3lam {
 namespace {
@@ -92,6 +113,40 @@ TEST(OutputDirectory, ATargetThatAppearsMeanwhileIsKept) {
   dir.Write("result/other.txt", "other");
   EXPECT_ANY_THROW(output.Commit());
   EXPECT_EQ(FileBytes(dir / "result/other.txt"), "other");
+}
+
+TEST(OutputDirectory, ReplacesInTwoStepsWhereFoldersCannotBeExchanged) {
+  const TempDir dir;
+  dir.Write("result/old.txt", "old");
+  OutputDirectory output(dir / "result", true);
+  WriteText(output.path() / "new.txt", "new");
+  g_has_rename_flags = false;
+  output.Commit();
+  g_has_rename_flags = true;
+  EXPECT_EQ(FileBytes(dir / "result/new.txt"), "new");
+  EXPECT_FALSE(fs::exists(dir / "result/old.txt"));
+  EXPECT_EQ(NumEntries(dir.path()), 1u);
+}
+
+TEST(OutputDirectory, RemovesWhatKilledRunsHaveLeft) {
+  const TempDir dir;
+  dir.Write("result/old.txt", "of the last run");
+  dir.Write(".result.tmp-abcdef/new.txt", "unfinished");
+  dir.Write(".result.tmp-abcdeg.old/old.txt", "replaced");
+  dir.Write(".result.tmp-abcdef.kept/file.txt", "of somebody else");
+  dir.Write(".results.tmp-abcdef/file.txt", "of another target");
+  { const OutputDirectory output(dir / "result", true); }
+  EXPECT_TRUE(fs::exists(dir / "result/old.txt"));
+  EXPECT_TRUE(fs::exists(dir / ".result.tmp-abcdef.kept"));
+  EXPECT_TRUE(fs::exists(dir / ".results.tmp-abcdef"));
+  EXPECT_EQ(NumEntries(dir.path()), 3u);
+}
+
+TEST(OutputDirectory, KeepsTheOldResultOfARunKilledBetweenTheTwoSteps) {
+  const TempDir dir;
+  dir.Write(".result.tmp-abcdef.old/old.txt", "the only one");
+  { const OutputDirectory output(dir / "result", true); }
+  EXPECT_EQ(FileBytes(dir / ".result.tmp-abcdef.old/old.txt"), "the only one");
 }
 
 TEST(OutputDirectory, ResultHasTheUsualPermissions) {

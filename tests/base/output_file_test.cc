@@ -60,6 +60,19 @@ TEST(OutputFile, TargetThatAppearsMeanwhileIsKept) {
   EXPECT_EQ(NumEntries(dir.path()), 1u);
 }
 
+TEST(OutputFile, RemovesWhatKilledRunsHaveLeftAndNotWhatOthersWrite) {
+  const TempDir dir;
+  dir.Write(".report.html.tmp-abcdef", "unfinished");
+  OutputFile first(dir / "report.html", true);
+  EXPECT_EQ(NumEntries(dir.path()), 1u);
+  OutputFile second(dir / "report.html", true);
+  EXPECT_EQ(NumEntries(dir.path()), 2u);
+  first.Commit("first");
+  second.Commit("second");
+  EXPECT_EQ(FileBytes(dir / "report.html"), "second");
+  EXPECT_EQ(NumEntries(dir.path()), 1u);
+}
+
 TEST(OutputFile, FolderIsRefused) {
   const TempDir dir;
   fs::create_directory(dir / "folder");

@@ -1,9 +1,11 @@
 // What signals do to a run: the output is the old one or the whole new one, and nothing lies about.
 
+#include <sys/stat.h>
+
 #include <chrono>
 #include <thread>
 
-#include "pipeline/program_test_support.h"
+#include "pipeline/model_fixture.h"
 #include "support/running_program.h"
 
 namespace s3lam {
@@ -86,6 +88,27 @@ TEST_F(Signals, ARunThatGoesOnIsLeftAlone) {
   running.Send(SIGINT);
   EXPECT_EQ(running.Wait(), 130);
   EXPECT_THAT(Listing(place_ / "place/out"), ::testing::Contains("groundtruth.txt"));
+}
+
+class SignalsOfReport : public testing::ModelTest {};
+
+TEST_F(SignalsOfReport, InterruptLeavesNoPartOfThePage) {
+  const TempDir place;
+  std::filesystem::create_directories(inputs_ / "run");
+  std::filesystem::create_directory_symlink(model(), inputs_ / "run/1_slam");
+  std::filesystem::create_directory(place / "page");
+  const std::filesystem::path never_there = inputs_ / "truth.txt";
+  ASSERT_EQ(mkfifo(never_there.c_str(), 0600), 0);  // It waits for somebody to write into it.
+  const std::filesystem::path program = std::filesystem::path(S3LAM_TEST_BIN_DIR) / "s3-report";
+  const RunningProgram running(
+      {program.string(), "--quiet", "--run", (inputs_ / "run").string(), "--ground-truth",
+       never_there.string(), "--output", (place / "page/report.html").string()},
+      place / "errors");
+  while (Listing(place / "page").empty()) std::this_thread::sleep_for(kPoll);
+  running.Send(SIGINT);
+  EXPECT_EQ(running.Wait(), 130);
+  EXPECT_THAT(testing::FileBytes(place / "errors"), ::testing::HasSubstr("no partial output"));
+  EXPECT_THAT(Listing(place / "page"), ::testing::IsEmpty());
 }
 
 }  // namespace

@@ -1,8 +1,12 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 
 namespace s3lam {
+namespace internal {
+class Staging;
+}
 
 /// A result folder that appears whole or not at all. Files are written into path(), a hidden folder
 /// beside the target; Commit() flushes them to disk and renames the folder into place, exchanging
@@ -19,7 +23,7 @@ class OutputDirectory {
   OutputDirectory& operator=(const OutputDirectory&) = delete;
 
   /// Where to write.
-  [[nodiscard]] const std::filesystem::path& path() const { return staging_; }
+  [[nodiscard]] const std::filesystem::path& path() const;
   /// Where the result will be.
   [[nodiscard]] const std::filesystem::path& target() const { return target_; }
 
@@ -29,20 +33,16 @@ class OutputDirectory {
   void Commit();
 
  private:
-  void CreateStaging();
   void PutInPlace();
-  void RemoveStaging() const;
-  void Unlock();
 
   std::filesystem::path target_;
-  std::filesystem::path staging_;
+  std::unique_ptr<internal::Staging> staging_;
   bool overwrite_;
   bool committed_ = false;
-  int lock_fd_ = -1;
 };
 
-/// Removes what is not committed yet, and keeps any later Commit() from taking place: the program
-/// is about to be ended from outside, while its other threads still run.
+/// Removes folders and files that are not committed yet, and keeps any later Commit() from taking
+/// place: the program is about to be ended from outside, while its other threads still run.
 void AbandonOutputs();
 
 }  // namespace s3lam

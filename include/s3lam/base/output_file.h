@@ -1,12 +1,17 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <string_view>
 
 namespace s3lam {
+namespace internal {
+class Staging;
+}
 
 /// A result file that appears whole or not at all: written into a hidden file beside the target,
-/// flushed to disk and renamed into place by Commit(). Without Commit() nothing is left.
+/// flushed to disk and renamed into place by Commit(). Without Commit() nothing is left; what a run
+/// that was killed has left is removed by the next one with that target.
 class OutputFile {
  public:
   /// Throws InputError if `target` exists and `overwrite` is false, if it is a folder, or if the
@@ -21,10 +26,13 @@ class OutputFile {
   void Commit(std::string_view content);
 
  private:
+  /// Returns false with errno set if that fails.
+  [[nodiscard]] bool PutInPlace() const;
+
   std::filesystem::path target_;
-  std::filesystem::path staging_;
+  std::unique_ptr<internal::Staging> staging_;
   bool overwrite_;
-  int fd_ = -1;
+  bool committed_ = false;
 };
 
 }  // namespace s3lam
