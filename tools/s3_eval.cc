@@ -6,11 +6,11 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <ostream>
 
 #include "common/config_files.h"
 #include "common/program.h"
 #include "s3lam/base/error.h"
+#include "s3lam/base/output_file.h"
 #include "s3lam/eval/cloud_metrics.h"
 #include "s3lam/eval/model_difference.h"
 #include "s3lam/eval/plane_angles.h"
@@ -56,6 +56,9 @@ struct EvalOptions {
 struct Result {
   std::string table;
   nlohmann::json json = nlohmann::json::object();
+  /// Of --per-pose; with the names of their images, or none.
+  std::vector<PoseError> poses;
+  std::vector<std::string> pose_names;
 
   void Add(const char* name, const std::string& text, nlohmann::json value) {
     if (!table.empty()) table += "\n";
@@ -64,16 +67,16 @@ struct Result {
   }
 };
 
+/// The file of --per-pose, empty without it. Throws InputError if it must not be written.
+std::optional<OutputFile> OpenPerPose(const po::variables_map& arguments, bool overwrite) {
+  if (arguments.count("per-pose") == 0) return std::nullopt;
+  return std::optional<OutputFile>(std::in_place, Required(arguments, "per-pose"), overwrite);
+}
+
 /// One line per pose, for plots.
-void WritePoses(const po::variables_map& arguments, const std::vector<PoseError>& poses,
-                const std::vector<std::string>& names = {}) {
-  if (arguments.count("per-pose") == 0) return;
-  const std::filesystem::path path = Required(arguments, "per-pose");
-  if (path.extension() == ".json") {
-    WriteJson(path, ToJson(poses, names));
-  } else {
-    WriteFile(path, [&](std::ostream& stream) { stream << ToCsv(poses, names); });
-  }
+std::string PosesText(const std::filesystem::path& path, const Result& result) {
+  return path.extension() == ".json" ? JsonText(ToJson(result.poses, result.pose_names))
+                                     : ToCsv(result.poses, result.pose_names);
 }
 
 TrajectoryErrors MeasureTrajectory(const po::variables_map& arguments,
@@ -92,7 +95,7 @@ TrajectoryErrors MeasureTrajectory(const po::variables_map& arguments,
         estimate_file, ground_truth_file, num_pairs, estimate.size(), options.max_dt_s);
   }
   result.Add("trajectory", ToTable(*errors), ToJson(*errors));
-  WritePoses(arguments, errors->poses);
+  result.poses = errors->poses;
   return *errors;
 }
 
@@ -110,7 +113,8 @@ void MeasureModels(const po::variables_map& arguments, const TrajectoryErrorOpti
         folder, other_folder);
   }
   result.Add("models", ToTable(*difference), ToJson(*difference));
-  WritePoses(arguments, difference->poses, difference->names);
+  result.poses = difference->poses;
+  result.pose_names = difference->names;
 }
 
 /// Of the model that s3-refine made this one of, by the report beside it; empty for other models.
@@ -249,6 +253,7 @@ Wanted ReadWanted(const po::variables_map& arguments) {
 void Run(const po::variables_map& arguments, const CommonArguments& common) {
   const EvalOptions options = ReadOptions(arguments, common);
   const Wanted wanted = ReadWanted(arguments);
+  std::optional<OutputFile> per_pose = OpenPerPose(arguments, common.overwrite);
   Result result;
   Similarity3 truth_from_estimate;
   if (wanted.trajectory) {
@@ -267,6 +272,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   if (wanted.known_planes) {
     MeasureKnownPlanes(arguments, options.planes, fitted, truth_from_estimate, result);
   }
+  if (per_pose) per_pose->Commit(PosesText(Required(arguments, "per-pose"), result));
   PrintReport(common, result.table, result.json);
 }
 
@@ -304,5 +310,6 @@ int main(int argc, char** argv) {
       "write the errors of every pose, as .csv or .json");
   s3lam::tools::SetConfiguration(s3lam::tools::EvalOptions(), program);
   program.run = s3lam::tools::Run;
+  program.outputs = {"per-pose"};
   return s3lam::tools::RunProgram(argc, argv, program);
 }

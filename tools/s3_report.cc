@@ -87,13 +87,9 @@ void MakeReport(const po::variables_map& arguments, const CommonArguments& commo
 int main(int argc, char** argv) {
   using namespace s3lam;
   namespace po = boost::program_options;
-  tools::Program program{"s3-report",
-                         tools::kDescription,
-                         po::options_description("Arguments"),
-                         {},
-                         {},
-                         tools::MakeReport,
-                         {"png"}};
+  tools::Program program{
+      "s3-report",       tools::kDescription, po::options_description("Arguments"), {}, {},
+      tools::MakeReport, {"output", "png"}};
   auto add = program.arguments.add_options();
   add("run", po::value<std::string>()->value_name("DIR"), "folder of a run");
   add("ground-truth", po::value<std::string>()->value_name("FILE"), "true trajectory");

@@ -95,11 +95,12 @@ nlohmann::json ReadJson(const std::filesystem::path& path) {
   }
 }
 
+std::string JsonText(const nlohmann::json& json) {
+  return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
 void WriteJson(const std::filesystem::path& path, const nlohmann::json& json) {
-  // File names need not be UTF-8; JSON has to be.
-  using Json = nlohmann::json;
-  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-  WriteFile(path, [&](std::ostream& stream) { stream << text; });
+  WriteFile(path, [&](std::ostream& stream) { stream << JsonText(json); });
 }
 
 }  // namespace s3lam

@@ -141,6 +141,27 @@ TEST(EvalUsage, NothingInCommon) {
       kBadInput, {"other.txt", "0 of 3"});
 }
 
+TEST(EvalUsage, ErrorsPerPoseReplaceNothingUnasked) {
+  const TempDir directory;
+  const std::string truth =
+      directory.Write("truth.txt", "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 1 1 0 0 0 0 1\n").string();
+  const std::filesystem::path errors = directory.Write("errors.csv", "precious");
+  const auto run = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"--estimate", truth, "--ground-truth", truth};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return RunTool("s3-eval", arguments);
+  };
+  ExpectRefused(run({"--per-pose", errors.string()}), kBadInput, {"errors.csv", "--overwrite"});
+  ExpectRefused(run({"--per-pose", errors.string(), "--overwrite", "--planes", "/nonexistent"}),
+                kBadInput, {"/nonexistent"});
+  ExpectRefused(run({"--per-pose", truth, "--overwrite"}), kWrongUsage, {"would remove"});
+  EXPECT_EQ(testing::FileBytes(errors), "precious");
+  EXPECT_THAT(testing::Listing(directory.path()),
+              ::testing::ElementsAre("errors.csv", "truth.txt"));
+  ASSERT_EQ(run({"--per-pose", errors.string(), "--overwrite"}).exit_code, kDone);
+  EXPECT_THAT(testing::FileBytes(errors), ::testing::StartsWith("time_s,path,error"));
+}
+
 TEST(EvalUsage, MissingFile) {
   ExpectRefused(RunTool("s3-eval", {"--estimate", "/nonexistent/a.txt", "--ground-truth",
                                     "/nonexistent/b.txt"}),

@@ -42,7 +42,7 @@ po::options_description CommonDescription() {
   add("progress", po::value<std::string>()->default_value("bar"),
       "progress on stderr: bar, json or none");
   add("json", po::bool_switch(), "print the final report as JSON");
-  add("overwrite", po::bool_switch(), "replace an existing output directory");
+  add("overwrite", po::bool_switch(), "replace what is there of the output");
   add("quiet", po::bool_switch(), "only warnings and errors on stderr");
   add("print-config", "print the default configuration as JSON and exit");
   add("help,h", "print this text and exit");
@@ -98,23 +98,23 @@ std::string OneLine(std::string text) {
   return text;
 }
 
-/// Replacing the folder that the argument `output` names must not take inputs away that lie in it,
-/// or are it. Throws UsageError naming the first.
-void CheckFolderHoldsNoInput(const po::variables_map& arguments, const std::string& output) {
+/// Replacing the folder or file that the argument `output` names must not take inputs away that lie
+/// in it, or are it. Throws UsageError naming the first.
+void CheckOutputHoldsNoInput(const po::variables_map& arguments, const std::string& output) {
   namespace fs = std::filesystem;
   if (arguments.count(output) == 0) return;
   std::error_code error;
-  const fs::path folder = fs::canonical(arguments[output].as<std::string>(), error);
-  if (error || !fs::is_directory(folder, error)) return;
+  const fs::path replaced = fs::canonical(arguments[output].as<std::string>(), error);
+  if (error) return;  // There is nothing to replace.
   for (const auto& [name, value] : arguments) {
     const auto* text = boost::any_cast<std::string>(&value.value());
     if (name == output || text == nullptr || text->empty()) continue;
     const fs::path input = fs::canonical(*text, error);
     if (error) continue;  // A name of something else, or missing, which others say.
-    const fs::path inside = input.lexically_relative(folder);
+    const fs::path inside = input.lexically_relative(replaced);
     if (inside.empty() || *inside.begin() == "..") continue;
-    throw UsageError(fmt::format("--overwrite would remove --{} {} with the folder {}", name, *text,
-                                 folder.string()));
+    throw UsageError(
+        fmt::format("--overwrite would remove --{} {} with {}", name, *text, replaced.string()));
   }
 }
 
@@ -150,8 +150,8 @@ int RunParsed(int argc, char** argv, const Program& program) {
   }
   const CommonArguments common = ParseCommon(arguments);
   if (common.overwrite) {
-    for (const std::string& output : program.output_folders) {
-      CheckFolderHoldsNoInput(arguments, output);
+    for (const std::string& output : program.outputs) {
+      CheckOutputHoldsNoInput(arguments, output);
     }
   }
   InitLogging(common.quiet);
@@ -239,10 +239,7 @@ std::string Required(const po::variables_map& arguments, const std::string& name
 
 void PrintReport(const CommonArguments& common, const std::string& table,
                  const nlohmann::json& report) {
-  // File names need not be UTF-8; JSON has to be.
-  using Json = nlohmann::json;
-  std::cout << (common.json ? report.dump(2, ' ', false, Json::error_handler_t::replace) + "\n"
-                            : table);
+  std::cout << (common.json ? JsonText(report) : table);
 }
 
 }  // namespace s3lam::tools

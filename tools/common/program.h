@@ -33,8 +33,8 @@ struct Program {
   nlohmann::json default_config;
   /// Does the work. Throws InputError, UsageError or any std::exception.
   std::function<void(const boost::program_options::variables_map&, const CommonArguments&)> run;
-  /// Names of the arguments that say which folders are written, and replaced by --overwrite.
-  std::vector<std::string> output_folders = {"output"};
+  /// Names of the arguments that say which folders and files --overwrite replaces.
+  std::vector<std::string> outputs = {"output"};
 };
 
 /// Parses, handles --help, --version and --print-config, runs, and turns exceptions into one line

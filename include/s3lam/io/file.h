@@ -27,7 +27,9 @@ bool IsNameWithin(std::string_view name);
 /// double, lists and objects nested deeper than 64.
 nlohmann::json ReadJson(const std::filesystem::path& path);
 
-/// Two-space indented, ending in a newline.
+/// Two-space indented, ending in a newline. What is not UTF-8, as names of files may be, is made
+/// so.
+std::string JsonText(const nlohmann::json& json);
 void WriteJson(const std::filesystem::path& path, const nlohmann::json& json);
 
 }  // namespace s3lam
