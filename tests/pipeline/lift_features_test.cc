@@ -224,6 +224,11 @@ TEST_F(LiftFeatures, IgnoreMasksOfAVideoGoByTheNamesOfItsFrames) {
     std::filesystem::rename(masks() / mask_names_[i],
                             masks() / fmt::format("clip_{:06d}.png", 3 * i));
   }
+  for (const char* other : {"clip_notes.png", "clip_3.png", "clip_0000003.png", "clip_000004a.png",
+                            "clip_-00001.png", "clip_.png"}) {
+    std::filesystem::copy_file(masks() / "clip_000003.png", masks() / other);
+  }
+  std::filesystem::rename(masks() / "clip_000006.png", masks() / "clip_000006.panoptic.png");
   std::vector<std::string> arguments = IgnoreArguments();
   std::string& sequence = arguments[1];
   sequence = (inputs_ / "clip.mp4").string();
@@ -233,6 +238,7 @@ TEST_F(LiftFeatures, IgnoreMasksOfAVideoGoByTheNamesOfItsFrames) {
   const auto names = IgnoreMasks();
   ASSERT_EQ(names.size(), mask_names_.size());
   EXPECT_EQ(names[1], "clip_000003.png.png");
+  EXPECT_EQ(names[2], "clip_000006.png.png");
   sequence = (inputs_ / "other.mp4").string();
   std::ofstream(sequence) << "never decoded";
   ExpectRefused(RunTool("s3-lift", arguments), kBadInput, {"other.mp4", "other_000000.png"});

@@ -3,11 +3,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <set>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "common/config_files.h"
@@ -59,17 +62,33 @@ bool ReadLenient(const po::variables_map& arguments, const CommonArguments& comm
   return options.lookup.lenient || arguments["lenient"].as<bool>();
 }
 
+/// The number of the video's frame that a mask is named after, whatever its extensions: 3 for
+/// "clip_000003.panoptic.png" and clip.mp4. Empty for other names.
+std::optional<int> FrameOfMask(const fs::path& video, const std::string& mask_name) {
+  const std::string file = fs::path(mask_name).filename().string();
+  const std::string prefix = video.stem().string() + "_";
+  if (!file.starts_with(prefix)) return std::nullopt;
+  int index = 0;
+  const char* end = file.data() + file.size();
+  const auto [rest, error] = std::from_chars(file.data() + prefix.size(), end, index);
+  if (error != std::errc() || index < 0 || rest == end || *rest != '.') return std::nullopt;
+  const std::string name = NameOfVideoFrame(video, index);
+  if (std::string(file.data(), rest) != fs::path(name).stem()) return std::nullopt;
+  return index;
+}
+
 /// The frames of a video that have a mask, by their names: for those it need not be decoded.
 ImageSequence ListFramesWithMask(const fs::path& video, const PanopticMasks& masks) {
+  std::set<int> indices;
+  for (const std::string& name : masks.names()) {
+    if (const auto index = FrameOfMask(video, name)) indices.insert(*index);
+  }
   ImageSequence sequence;
   sequence.format = SequenceFormat::kVideo;
   sequence.image_root = video;
-  const std::string prefix = video.stem().string() + "_";
-  for (const std::string& name : masks.names()) {
-    const std::string stem = fs::path(name).stem().string();
-    if (!stem.starts_with(prefix)) continue;
-    const auto index = static_cast<int>(sequence.frames.size());
-    sequence.frames.push_back({static_cast<double>(index), stem + ".png", {}, index});
+  for (const int index : indices) {
+    sequence.frames.push_back(
+        {static_cast<double>(index), NameOfVideoFrame(video, index), {}, index});
   }
   if (sequence.frames.empty()) {
     ThrowInputError("{}: no mask is named as one of its frames, such as {}", video.string(),
