@@ -1,9 +1,11 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
+#include <utility>
 
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
@@ -48,6 +50,22 @@ class VideoReader {
   cv::VideoCapture capture_;
   int next_ = -1;  // The frame that the next grab gives.
 };
+
+/// Of the sizes that are not empty, one at least; the first of several that are as frequent.
+cv::Size MostFrequentSize(const std::vector<cv::Size>& sizes) {
+  cv::Size best;
+  std::map<std::pair<int, int>, int> counts;
+  for (const cv::Size& size : sizes) {
+    if (!size.empty()) ++counts[{size.width, size.height}];
+  }
+  int most = 0;
+  for (const cv::Size& size : sizes) {
+    const int count = size.empty() ? 0 : counts[{size.width, size.height}];
+    if (count > most) best = size;
+    most = std::max(most, count);
+  }
+  return best;
+}
 
 /// Bits that the values of 16-bit images use: those of a sensor of 10, 12 or 14 bits often stand in
 /// the lower ones, and would be nearly black.
@@ -145,10 +163,9 @@ std::vector<std::string> LeaveOutUnusable(int num_threads, ImageSequence& sequen
       faults[i] = error.what();
     }
   });
-  const auto first = std::find_if(faults.begin(), faults.end(),
-                                  [](const std::string& fault) { return fault.empty(); });
-  if (first == faults.end()) throw InputError(faults.front());
-  const cv::Size expected = sizes[static_cast<size_t>(first - faults.begin())];
+  const auto is_usable = [](const std::string& fault) { return fault.empty(); };
+  if (std::none_of(faults.begin(), faults.end(), is_usable)) throw InputError(faults.front());
+  const cv::Size expected = MostFrequentSize(sizes);
   std::vector<SequenceFrame> usable;
   std::vector<std::string> found;
   for (size_t i = 0; i < faults.size(); ++i) {

@@ -422,6 +422,23 @@ TEST(LeaveOutUnusable, NamesWhatIsWrongWithImagesThatAreLeftOut) {
   }
 }
 
+TEST(LeaveOutUnusable, WithoutACameraTheMostFrequentSizeCounts) {
+  const TempDir dir;
+  std::vector<uchar> small;
+  cv::imencode(".png", cv::Mat(6, 8, CV_8UC1, cv::Scalar(7)), small);
+  const std::string thumbnail(small.begin(), small.end());
+  dir.Write("0.png", thumbnail);
+  dir.Write("1.png", EncodedImage(1));
+  ImageSequence as_many = OpenSequence(dir.path(), SequenceFormat::kFolder);
+  LeaveOutUnusable(2, as_many);
+  EXPECT_THAT(Names(as_many), ElementsAre("0.png"));
+  dir.Write("2.png", EncodedImage(1));
+  ImageSequence fewer = OpenSequence(dir.path(), SequenceFormat::kFolder);
+  EXPECT_THAT(LeaveOutUnusable(2, fewer),
+              ElementsAre(AllOf(HasSubstr("0.png"), HasSubstr("8 x 6"), HasSubstr("32 x 24"))));
+  EXPECT_THAT(Names(fewer), ElementsAre("1.png", "2.png"));
+}
+
 TEST(LeaveOutUnusable, WhereNoImageIsLeftTheFirstSaysWhy) {
   const TempDir dir;
   for (const char* bad : {"0.png", "1.png"}) dir.Write(bad, EncodedImage(1).substr(0, 40));
