@@ -160,7 +160,7 @@ std::filesystem::path CheckIgnoreMasks(const po::variables_map& arguments,
 }
 
 /// The largest map lies in the folder itself, others in folders 1, 2, ... of it.
-void Write(const slam::Result& result, const slam::Options& options, const nlohmann::json& report,
+void Write(const slam::Result& result, const nlohmann::json& config, const nlohmann::json& report,
            const ImageSequence& sequence, bool with_databases,
            const std::filesystem::path& directory) {
   for (size_t m = 0; m < result.models.size(); ++m) {
@@ -169,7 +169,7 @@ void Write(const slam::Result& result, const slam::Options& options, const nlohm
     WriteModel(result.models[m], sequence, with_databases, folder);
   }
   WriteJson(directory / "report.json", report);
-  WriteJson(directory / "config.json", OptionsToJson(options));
+  WriteJson(directory / "config.json", config);
 }
 
 std::string Table(const slam::Report& report, size_t num_left_out, const std::string& output) {
@@ -297,7 +297,8 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   if (opened.guess) report["focal_length"]["source"] = opened.guess->source;
   report["images_left_out"] = opened.left_out;
   report["peak_memory_mib"] = PeakMemoryMiB();
-  Write(result, options, report, sequence, arguments["database"].as<bool>(), directory.path());
+  Write(result, provenance.config(), report, sequence, arguments["database"].as<bool>(),
+        directory.path());
   directory.Commit();
   if (checkpoint) checkpoint->Remove();
   for (const char* long_one : {"per_frame", "config"}) report.erase(long_one);

@@ -72,6 +72,7 @@ void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
   spdlog::info("a refined lens distortion would explain {:.1f} % of the reprojection cost: {}",
                100.0 * calibration.cost_decrease,
                calibration.accepted ? "refined" : "camera kept as given");
+  report.calibration_was_checked = true;
   report.camera_was_refined = calibration.accepted;
   report.distortion_cost_share = calibration.cost_decrease;
   report.pinhole_cost_share = calibration.pinhole_cost_decrease;

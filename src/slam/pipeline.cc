@@ -332,11 +332,11 @@ void WarnOfSmallImages(const Camera& camera) {
 }  // namespace
 
 void Options::Visit(OptionVisitor& v) {
-  v.Choice("accuracy", accuracy, kAccuracyNames,
-           "fast leaves out the keyframes' additional keypoints, the alignment of patches, the "
-           "refinement of the lens distortion and other starts, and lowers tracker.keyframe_ratio "
-           "to 0.75 and "
-           "tracker.min_coverage to 0.7 at the most");
+  v.Choice(
+      "accuracy", accuracy, kAccuracyNames,
+      "fast leaves out the keyframes' additional keypoints, the alignment of patches, the check "
+      "of the calibration, with it the refinement of the lens distortion, and other starts, and "
+      "lowers tracker.keyframe_ratio to 0.75 and tracker.min_coverage to 0.7 at the most");
   v.Group("features", features, "keypoints");
   v.Group("initializer", initializer, "the pair of frames that the map starts from");
   v.Group("tracker", tracker, "localising frames in the map");

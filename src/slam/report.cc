@@ -269,6 +269,9 @@ nlohmann::json ToJson(const Report& report) {
   const MapReport main = report.maps.empty() ? MapReport{} : report.maps.front();
   nlohmann::json maps = nlohmann::json::array();
   for (size_t i = 0; i < report.maps.size(); ++i) maps.push_back(ToJson(report.maps[i], i));
+  const auto of_check = [&](const auto& figure) {
+    return report.calibration_was_checked ? nlohmann::json(figure) : nlohmann::json();
+  };
   return {{"frames", report.num_frames},
           {"frames_localized", main.num_frames},
           {"keyframes", main.num_keyframes},
@@ -287,9 +290,9 @@ nlohmann::json ToJson(const Report& report) {
             {"doubt_before", report.remapping.doubt_before},
             {"doubt", report.remapping.doubt}}},
           {"camera_was_refined", report.camera_was_refined},
-          {"distortion_cost_share", report.distortion_cost_share},
-          {"pinhole_cost_share", report.pinhole_cost_share},
-          {"better_pinhole", report.better_pinhole},
+          {"distortion_cost_share", of_check(report.distortion_cost_share)},
+          {"pinhole_cost_share", of_check(report.pinhole_cost_share)},
+          {"better_pinhole", of_check(report.better_pinhole)},
           {"rolling_shutter",
            report.rolling_shutter ? ToJson(*report.rolling_shutter) : nlohmann::json()},
           {"focal_length", report.focal ? ToJson(*report.focal) : nlohmann::json()},

@@ -21,8 +21,8 @@ template <typename A>
 void TransferReport(A& archive, Report& report) {
   bool has_focal = report.focal.has_value();
   archive(report.remapping, report.num_merged_maps, report.camera_was_refined,
-          report.distortion_cost_share, report.pinhole_cost_share, report.better_pinhole,
-          has_focal);
+          report.calibration_was_checked, report.distortion_cost_share, report.pinhole_cost_share,
+          report.better_pinhole, has_focal);
   if (!has_focal) return;
   if constexpr (A::kReads) report.focal.emplace();
   archive(*report.focal);

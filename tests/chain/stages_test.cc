@@ -189,6 +189,21 @@ TEST(Chain, DatabaseIsWrittenIfAskedFor) {
   EXPECT_TRUE(std::filesystem::exists(ChainFolder("1_slam") / "database.db"));
 }
 
+TEST(Chain, ReportAndConfigurationSayWhatWasLeftOut) {
+  const TempDir dir;
+  Rerun(
+      "s3-slam", dir / "fast",
+      {"--sequence", ChainFolder("scene").string(), "--frames", "0:50", "--set", "accuracy=fast"});
+  const json report = ReadJson(dir / "fast" / "report.json");
+  EXPECT_EQ(report["config"], ReadJson(dir / "fast" / "config.json"));
+  EXPECT_EQ(report["config"]["self_calibration"]["enabled"], false);
+  const json checked = ChainReport("1_slam");
+  for (const char* figure : {"distortion_cost_share", "pinhole_cost_share", "better_pinhole"}) {
+    EXPECT_TRUE(report[figure].is_null()) << figure;
+    EXPECT_FALSE(checked[figure].is_null()) << figure;
+  }
+}
+
 TEST(Chain, KeyframesThatSeeTooLittleAreNotInTheModel) {
   const TempDir dir;
   const std::vector<std::string> arguments = {

@@ -23,7 +23,7 @@ namespace {
 
 constexpr const char* kDescription = "checkpoint.json";
 constexpr const char* kFormat = "s3lam checkpoint";
-constexpr int kVersion = 2;
+constexpr int kVersion = 3;
 constexpr const char* kEnding = ".step";
 constexpr size_t kHashDigits = 64;
 

@@ -99,6 +99,8 @@ struct Report {
   int num_merged_maps = 0;           // Maps that were begun apart and became part of another.
   std::optional<FocalReport> focal;  // Unless the camera was known.
   bool camera_was_refined = false;
+  /// Of a known camera, unless that is switched off; the three figures below are of this check.
+  bool calibration_was_checked = false;
   double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
   /// What other focal lengths and another principal point would remove of the rest, and fx, fy, cx,
   /// cy [px] of these if they put the given ones in doubt, see CheckCalibration; none where the map
