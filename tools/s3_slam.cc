@@ -277,6 +277,8 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   auto options = LoadOptions<slam::Options>(common);
   options.num_threads = common.threads;
   options.seed = common.seed;
+  const double save_every_s = arguments["checkpoint-every"].as<double>();
+  if (!(save_every_s >= 0.0)) throw UsageError("--checkpoint-every must not be negative");
   const Opened opened = Open(arguments, common.threads);
   const ImageSequence& sequence = opened.sequence;
   const std::filesystem::path ignore_masks = CheckIgnoreMasks(arguments, sequence);
@@ -289,8 +291,7 @@ void RunSlam(const po::variables_map& arguments, const CommonArguments& common) 
   const auto checkpoint = OpenCheckpoint(arguments, common, provenance);
   slam::Input input = MakeInput(opened, reader, ignore_masks);
   input.steps = checkpoint.get();
-  input.save_every_s = arguments["checkpoint-every"].as<double>();
-  if (!(input.save_every_s >= 0.0)) throw UsageError("--checkpoint-every must not be negative");
+  input.save_every_s = save_every_s;
   const slam::Result result = slam::Run(options, input);
   nlohmann::json report = ToJson(result.report);
   provenance.AddTo(report);

@@ -56,6 +56,12 @@ TEST_F(BadSequence, EmptyFolder) {
                             {empty.path().string()});
 }
 
+TEST_F(BadSequence, WrongUsageIsSaidBeforeAnythingIsRead) {
+  ExpectRefusedWithoutTrace("s3-slam",
+                            {"--sequence", "/nonexistent/sequence", "--checkpoint-every=-1"},
+                            testing::kWrongUsage, {"--checkpoint-every"});
+}
+
 TEST_F(BadSequence, NoScene) { ExpectSequenceRefused({"map"}); }
 
 TEST_F(BadSequence, NoCamera) {
