@@ -35,7 +35,7 @@ def read_options(help_text):
 
 
 def split_help(text):
-    """Title line, description, and the configuration's part."""
+    """Title line, description, the configuration's part, and what the exit codes mean."""
     title, _, rest = text.partition("\n")
     before, _, configuration = rest.partition("\nConfiguration (")
     lines = before.splitlines()
@@ -43,8 +43,9 @@ def split_help(text):
     while first > 0 and (not lines[first - 1].strip() or lines[first - 1].endswith(":")):
         first -= 1  # The heading of the options.
     _, _, configuration = configuration.partition("\n")
-    configuration, _, _ = configuration.partition("\nExit codes:")
-    return title, "\n".join(lines[:first]).strip(), configuration.rstrip()
+    configuration, _, _ = configuration.partition("\nExit codes: ")
+    _, _, exit_status = text.partition("\nExit codes: ")
+    return title, "\n".join(lines[:first]).strip(), configuration.rstrip(), exit_status.rstrip()
 
 
 def roff(text):
@@ -54,7 +55,7 @@ def roff(text):
 
 
 def man_page(name, help_text):
-    title, description, configuration = split_help(help_text)
+    title, description, configuration, exit_status = split_help(help_text)
     summary = re.split(r"[.:]\s|\n\n", description.replace("\n", " "))[0].rstrip(".")
     # Without a date, so that the same source gives the same bytes.
     lines = [f'.TH {name.upper()} 1 "" "{roff(title)}" "s3lam"', ".SH NAME",
@@ -68,7 +69,7 @@ def man_page(name, help_text):
     if configuration:
         lines += [".SH CONFIGURATION", "Set by \\-\\-config and \\-\\-set; with defaults:", ".nf",
                   roff(configuration), ".fi"]
-    lines += [".SH EXIT STATUS", "0 done, 1 failed, 2 wrong usage, 3 bad input."]
+    lines += [".SH EXIT STATUS", roff(exit_status)]
     return "\n".join(lines) + "\n"
 
 

@@ -34,6 +34,8 @@ def check_programs(prefix, work):
         check("--help" in run(prefix / "bin" / name, "--help"), name)
         page = (prefix / "share" / "man" / "man1" / f"{name}.1").read_text()
         check(page.startswith(f".TH {name.upper()} 1") and "\\-\\-help" in page, f"{name}.1")
+        _, _, exit_status = page.partition(".SH EXIT STATUS\n")
+        check(exit_status.startswith("0 done") and "143" in exit_status, f"{name}.1: {exit_status}")
         completion = prefix / "share" / "bash-completion" / "completions" / name
         check(completion.is_file(), f"no {completion}")
     # Class tables are found by name beside the installed program, from any folder.
