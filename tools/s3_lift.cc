@@ -37,12 +37,12 @@ constexpr const char* kDescription =
     "Reads a COLMAP model (binary or text; descriptors.bin beside it if there), a folder of\n"
     "panoptic masks whose names match the images, and a class table (configs/classes/).\n"
     "Writes semantics.json (clusters, planes), distributions.npy (float32, points x classes, rows\n"
-    "as \"points\" of semantics.json), planes.ply, points.ply, report.json, config.json, and the "
-    "model "
-    "coloured\n"
-    "by class and by cluster in model_by_class/ and model_by_cluster/; with --overlays, pictures\n"
-    "of images in overlays/: keypoints in the colours of their classes, planes with their\n"
-    "outlines, normals and axes.\n\n"
+    "as \"points\" of semantics.json), planes.ply, points.ply, report.json, config.json, and the\n"
+    "model coloured by class and by cluster in model_by_class/ and model_by_cluster/; with\n"
+    "--confusion or fusion.confusion=estimated, confusion.npy, the matrix used (float32, true\n"
+    "class x class in the masks, rows sum to one); with --overlays, pictures of images in\n"
+    "overlays/: keypoints in the colours of their classes, planes with their outlines, normals\n"
+    "and axes.\n\n"
     "With --sequence in place of a model: writes gray PNGs, 0 on what moves and 255 elsewhere, of\n"
     "the size of the images, as <image name>.png; report.json, config.json.";
 
