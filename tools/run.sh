@@ -20,7 +20,7 @@ usage: tools/run.sh (--sequence DIR|VIDEO | --model DIR) --masks DIR --classes F
                          and a bundle adjustment without planes (3_refine_plain/) to compare with;
                          needs --sequence
   --images DIR           with --model: its images, for the keyframes in report.html
-  --camera FILE          camera.json, where the sequence does not bring one; auto: not known
+  --camera FILE          camera.json, in place of what the sequence brings; auto: not known
   --format NAME          of the sequence (default: auto)
   --frames A:B:STEP      use only these frames
   --ignore-masks DIR|FILE

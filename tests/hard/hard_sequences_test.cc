@@ -245,8 +245,8 @@ TEST(HardSequence, TwoSequencesInOneFolderGiveTwoMaps) {
   EXPECT_NE(result.report.frames[40].map, result.report.frames[120].map);
 }
 
-/// The room's path with a stop of the position at each of `stops` (shares of the way), where the
-/// camera turns by `turn_rad` and back.
+/// The room's path with a stop of the position at `stop` (a share of the way), where the camera
+/// turns by `turn_rad` and back.
 Scene WithTurn(double stop, double turn_rad) {
   Scene scene = MakeSmallScene("room", 3);
   std::vector<Eigen::Vector3d> positions;

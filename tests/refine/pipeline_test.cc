@@ -365,7 +365,5 @@ TEST(Refine, FramesAreRefinedAgainstTheRefinedMap) {
   CheckFrameObservations(refined.observations, refined.model, refined.frames, "output");
 }
 
-// ---- camera height, bending ground, relations ----
-
 }  // namespace
 }  // namespace s3lam::refine

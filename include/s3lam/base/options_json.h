@@ -62,7 +62,7 @@ void CheckOptions(const T& options) {
   internal::CheckOptions(internal::OptionsRef(copy));
 }
 
-/// One line per field: "key.path = default  sentence", for --help.
+/// Two lines per field, "key.path = default" and, indented, its sentence, for --help.
 template <VisitableOptions T>
 std::string DescribeOptions(const T& options) {
   T copy = options;
