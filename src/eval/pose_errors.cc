@@ -66,6 +66,13 @@ SegmentErrors Mean(double length, const std::vector<RelativeError>& per_length) 
   return mean;
 }
 
+/// As RFC 4180 has it: quotes within are doubled.
+std::string Quoted(const std::string& name) {
+  std::string quoted = "\"";
+  for (const char c : name) quoted += c == '"' ? std::string(2, c) : std::string(1, c);
+  return quoted + "\"";
+}
+
 nlohmann::json SegmentToJson(const SegmentErrors& errors) {
   return {{"length", errors.length},
           {"count", errors.count},
@@ -148,7 +155,7 @@ std::string ToCsv(std::span<const PoseError> errors, std::span<const std::string
   csv += "time_s,path,error,x,y,z,camera_x,camera_y,camera_z,along,across,rotation_deg\n";
   for (size_t i = 0; i < errors.size(); ++i) {
     const PoseError& e = errors[i];
-    if (!names.empty()) csv += fmt::format("\"{}\",", names[i]);
+    if (!names.empty()) csv += Quoted(names[i]) + ",";
     csv +=
         fmt::format("{},{},{},{},{},{},{},{},{},{},{},{}\n", e.time_s, e.path, e.difference.norm(),
                     e.difference.x(), e.difference.y(), e.difference.z(), e.in_camera.x(),

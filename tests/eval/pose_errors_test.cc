@@ -73,6 +73,8 @@ TEST(PoseErrors, ToCsvAndJson) {
   EXPECT_THAT(ToCsv(errors), HasSubstr("\n0.2,2,1,1,0,0,"));
   const std::vector<std::string> names = {"a.png", "b, c.png", "d.png"};
   EXPECT_THAT(ToCsv(errors, names), HasSubstr("\n\"b, c.png\",0.1,1,0.5,"));
+  EXPECT_THAT(ToCsv(errors, std::vector<std::string>{"a.png", "b \"c\".png", "d.png"}),
+              HasSubstr("\n\"b \"\"c\"\".png\",0.1,1,0.5,"));
   const nlohmann::json json = ToJson(errors, names);
   EXPECT_EQ(json[1]["name"], "b, c.png");
   EXPECT_EQ(json[2]["along"], 1.0);
