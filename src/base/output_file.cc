@@ -37,28 +37,32 @@ bool OutputFile::PutInPlace() const {
                     : link(from, target_.c_str()) == 0 && unlink(from) == 0;
 }
 
-void OutputFile::Commit(std::string_view content) {
+void OutputFile::Fail(const char* what) const {
+  throw std::runtime_error(fmt::format("{}: {}: {}", target_.string(), what, std::strerror(errno)));
+}
+
+void OutputFile::Write(std::string_view content) {
   S3LAM_CHECK(!committed_);
-  const auto fail = [&](const char* what) {
-    throw std::runtime_error(
-        fmt::format("{}: {}: {}", target_.string(), what, std::strerror(errno)));
-  };
   while (!content.empty()) {
     const ssize_t written = write(staging_->fd(), content.data(), content.size());
     if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) fail("cannot write");
+    if (written <= 0) Fail("cannot write");
     content.remove_prefix(static_cast<size_t>(written));
   }
-  if (fsync(staging_->fd()) != 0) fail("cannot flush to disk");
+}
+
+void OutputFile::Commit(std::string_view rest) {
+  Write(rest);
+  if (fsync(staging_->fd()) != 0) Fail("cannot flush to disk");
   {
     const auto lock = Staging::LockCommits();
-    if (!PutInPlace()) fail("cannot put the result in place");
+    if (!PutInPlace()) Fail("cannot put the result in place");
     committed_ = true;
   }
   const int parent = open(internal::ParentOf(target_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   const bool synced = parent >= 0 && fsync(parent) == 0;
   if (parent >= 0) close(parent);
-  if (!synced) fail("cannot flush its folder to disk");
+  if (!synced) Fail("cannot flush its folder to disk");
 }
 
 }  // namespace s3lam

@@ -30,6 +30,15 @@ TEST(OutputFile, AppearsOnlyWhenCommitted) {
   EXPECT_EQ(NumEntries(dir / "deep/er"), 1u);  // Nothing else is left beside it.
 }
 
+TEST(OutputFile, IsWrittenInPieces) {
+  const TempDir dir;
+  OutputFile file(dir / "state", false);
+  file.Write("first, ");
+  file.Write("second, ");
+  file.Commit("last");
+  EXPECT_EQ(FileBytes(dir / "state"), "first, second, last");
+}
+
 TEST(OutputFile, LeavesNothingWithoutCommit) {
   const TempDir dir;
   { const OutputFile file(dir / "report.html", false); }

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <string_view>
 #include <system_error>
 
 #include "s3lam/base/error.h"
@@ -37,6 +38,12 @@ bool IsUnfinished(const fs::path& name) {
 }
 
 bool IsStep(const fs::path& name) { return name.extension() == kEnding; }
+
+std::string HashOf(std::string_view bytes) {
+  Sha256 hash;
+  hash.Update(bytes);
+  return hash.Finish();
+}
 
 /// Which runs may go on with a checkpoint.
 json IdentityOf(const Provenance& provenance) {
@@ -144,19 +151,19 @@ std::optional<std::string> Checkpoint::Recall(const std::string& step) {
   const fs::path path = PathOf(step);
   if (!fs::exists(path)) return std::nullopt;
   std::string bytes = ReadFile(path);
-  Sha256 hash;
-  if (bytes.size() >= kHashDigits) hash.Update(std::string_view(bytes).substr(kHashDigits));
-  if (bytes.size() < kHashDigits || hash.Finish() != bytes.substr(0, kHashDigits)) {
+  const std::string_view all = bytes;
+  if (all.size() < kHashDigits || HashOf(all.substr(kHashDigits)) != all.substr(0, kHashDigits)) {
     ThrowInputError("{}: damaged: give --overwrite instead of --resume to begin anew",
                     path.string());
   }
-  return bytes.substr(kHashDigits);
+  bytes.erase(0, kHashDigits);  // In place: there may be no memory for a second one.
+  return bytes;
 }
 
 void Checkpoint::Keep(const std::string& step, std::string_view bytes) {
-  Sha256 hash;
-  hash.Update(bytes);
-  OutputFile(PathOf(step), true).Commit(hash.Finish().append(bytes));
+  OutputFile file(PathOf(step), true);
+  file.Write(HashOf(bytes));
+  file.Commit(bytes);
 }
 
 void Checkpoint::Remove() {

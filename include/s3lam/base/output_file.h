@@ -21,11 +21,15 @@ class OutputFile {
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
 
-  /// Throws std::runtime_error naming the file if writing, flushing or renaming fails, or if a
-  /// target has appeared meanwhile that must not be replaced.
-  void Commit(std::string_view content);
+  /// Appends to what is written so far. Throws std::runtime_error naming the file if that fails.
+  void Write(std::string_view content);
+  /// Appends what is left to write, flushes and renames. Throws std::runtime_error naming the file
+  /// if that fails, or if a target has appeared meanwhile that must not be replaced.
+  void Commit(std::string_view rest = {});
 
  private:
+  /// What went wrong, by errno.
+  [[noreturn]] void Fail(const char* what) const;
   /// Returns false with errno set if that fails.
   [[nodiscard]] bool PutInPlace() const;
 
