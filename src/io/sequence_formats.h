@@ -27,7 +27,4 @@ ImageSequence OpenFolder(const std::filesystem::path& path, double period_s);
 /// Image files below a folder, relative to it, in natural order ("frame9" before "frame10").
 std::vector<std::string> ListImages(const std::filesystem::path& directory, bool recursive);
 
-/// Strict weak order that compares runs of digits by value and folders before what lies in them.
-bool NaturalLess(const std::string& a, const std::string& b);
-
 }  // namespace s3lam::internal

@@ -1,7 +1,6 @@
 #include "s3lam/semantics/mask_observations.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <deque>
 #include <limits>
@@ -10,6 +9,7 @@
 #include <utility>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/natural_order.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/base/progress.h"
 
@@ -29,32 +29,6 @@ struct FrameLookup {
   SegmentImage indices;         // Index into segments per pixel; kept for overlaps only.
   std::vector<uint32_t> areas;  // Pixels per segment; for overlaps only.
 };
-
-/// "frame9" before "frame10": runs of digits compare as numbers.
-bool NaturalLess(const std::string& a, const std::string& b) {
-  const auto digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
-  size_t i = 0;
-  size_t j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (digit(a[i]) && digit(b[j])) {
-      while (i < a.size() && a[i] == '0') ++i;
-      while (j < b.size() && b[j] == '0') ++j;
-      const size_t begin_a = i;
-      const size_t begin_b = j;
-      while (i < a.size() && digit(a[i])) ++i;
-      while (j < b.size() && digit(b[j])) ++j;
-      if (i - begin_a != j - begin_b) return i - begin_a < j - begin_b;
-      const int order = a.compare(begin_a, i - begin_a, b, begin_b, j - begin_b);
-      if (order != 0) return order < 0;
-    } else {
-      if (a[i] != b[j]) return a[i] < b[j];
-      ++i;
-      ++j;
-    }
-  }
-  if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
-  return a < b;
-}
 
 std::vector<const Image*> ImagesInOrder(const Reconstruction& reconstruction) {
   std::vector<const Image*> images;
