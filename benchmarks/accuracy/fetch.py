@@ -11,6 +11,7 @@ What is already in place is kept. Needs Python's standard library only; mind the
 import argparse
 import hashlib
 import json
+import lzma
 import pathlib
 import shutil
 import sys
@@ -18,6 +19,7 @@ import tarfile
 import urllib.error
 import urllib.request
 import zipfile
+import zlib
 
 import ground_truth
 import presets
@@ -94,9 +96,10 @@ def check(archive, path, record):
 
 
 def unpack(path, folder):
-    """Throws FetchFailed for a broken archive; members outside the folder are refused."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Throws FetchFailed for a broken archive, and where the disk fails; members outside the folder
+    are refused, and so is what could lead there: links."""
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         if zipfile.is_zipfile(path):
             with zipfile.ZipFile(path) as archive:
                 archive.extractall(folder)  # Which itself keeps members inside.
@@ -106,8 +109,13 @@ def unpack(path, folder):
                     target = (folder / member.name).resolve()
                     if folder.resolve() not in target.parents and target != folder.resolve():
                         raise FetchFailed(f"{path}: {member.name} lies outside the archive")
+                    if not member.isfile() and not member.isdir():
+                        raise FetchFailed(f"{path}: {member.name} is neither a file nor a folder")
                 archive.extractall(folder)
-    except (zipfile.BadZipFile, tarfile.TarError, EOFError, OSError) as error:
+    except (zipfile.BadZipFile, tarfile.TarError, EOFError, lzma.LZMAError, zlib.error,
+            OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # Not of what decompresses.
+            raise FetchFailed(f"{path}: cannot unpack into {folder}: {error.strerror}") from error
         raise FetchFailed(f"{path}: broken archive: {error}") from error
 
 

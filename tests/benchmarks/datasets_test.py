@@ -181,6 +181,34 @@ class Fetching(TestWithFolder):
             fetch.unpack(path, self.folder / "in")
         self.assertFalse((self.folder / "outside.txt").exists())
 
+    def test_archive_with_links_is_refused(self):
+        for kind in (tarfile.SYMTYPE, tarfile.LNKTYPE):
+            path = self.folder / "evil.tgz"
+            with tarfile.open(path, "w:gz") as tar:
+                link = tarfile.TarInfo("images")
+                link.type, link.linkname = kind, "../.."
+                tar.addfile(link)
+                member = tarfile.TarInfo("images/outside.txt")
+                member.size = 1
+                tar.addfile(member, io.BytesIO(b"x"))
+            with self.assertRaisesRegex(fetch.FetchFailed, "neither a file nor a folder"):
+                fetch.unpack(path, self.folder / "a" / "in")
+        self.assertFalse((self.folder / "outside.txt").exists())
+
+    def test_failing_disk_is_told_apart_from_a_broken_archive(self):
+        make_tum(self.folder / "raw")
+        path = self.folder / "good.tgz"
+        with tarfile.open(path, "w:gz") as tar:
+            tar.add(self.folder / "raw", arcname="raw")
+        write(self.folder / "in" / "raw", "a file in the way")
+        with self.assertRaisesRegex(fetch.FetchFailed, "cannot unpack into .*/in: "):
+            fetch.unpack(path, self.folder / "in")
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 255
+        path.write_bytes(content)
+        with self.assertRaisesRegex(fetch.FetchFailed, "broken archive"):
+            fetch.unpack(path, self.folder / "elsewhere")
+
     def test_seven_scenes_has_archives_in_archives(self):
         sequence = self.folder / "raw" / "seq" / "seq-01"
         make_seven_scenes(sequence)
