@@ -17,9 +17,9 @@ import concurrent.futures
 import json
 import os
 import pathlib
-import re
 import sys
 
+import baselines
 import campaign_jobs as jobs
 import campaign_tables
 import sequences
@@ -53,32 +53,19 @@ def run_jobs(campaign, cores):
     return failed
 
 
-def system_and_sequence(file_name, sequences):
-    """What <system>_<sequence>[_<run>]_frames.txt stands for, or None; names may end in others."""
-    for name in sorted(sequences, key=len, reverse=True):
-        match = re.fullmatch(rf"(.+?)_{re.escape(name)}(_\d+)?_frames\.txt", file_name)
-        if match:
-            return match.group(1), name
-    return None
-
-
 def measure_baselines(campaign, folder):
-    """Trajectories <system>_<sequence>[_<run>]_frames.txt of other systems."""
+    """As ours are, the trajectories of other systems of sequences that have a reference."""
     programs = stages.Programs(campaign.bin, 1, 0)
-    found = {}
-    for name in campaign.sequences:
-        sequence = campaign.find(name)
-        for path in sorted(folder.glob("*_frames.txt")) if sequence.references else []:
-            system, of_sequence = system_and_sequence(path.name, campaign.sequences) or ("", "")
-            if of_sequence != name:
-                continue
-            report = programs.trajectory_error(path, sequence.references[0])
-            entry = found.setdefault((name, system), {
-                "sequence": name, "reference": sequence.references[0].name, "system": system,
-                "ate": [], "frames": []})
-            entry["ate"].append(report["ate"]["translation"]["rmse"])
-            entry["frames"].append(report["num_estimate"])
-    return list(found.values())
+    measured = []
+    for (name, system), paths in baselines.find(folder, campaign.sequences).items():
+        references = campaign.find(name).references
+        if not references:
+            continue
+        reports = [programs.trajectory_error(path, references[0]) for path in paths]
+        measured.append({"sequence": name, "reference": references[0].name, "system": system,
+                         "ate": [report["ate"]["translation"]["rmse"] for report in reports],
+                         "frames": [report["num_estimate"] for report in reports]})
+    return measured
 
 
 def parse_arguments():
@@ -120,7 +107,7 @@ def campaign_values(parser, arguments):
 def main():
     parser, arguments = parse_arguments()
     if arguments.list:
-        print("\n".join([*sequences.REAL, *sequences.SCENES, *sequences.presets.ALL]))
+        print("\n".join(sequences.all_names()))
         return 0
     values = campaign_values(parser, arguments)
     try:
@@ -141,8 +128,8 @@ def main():
         jobs.remove_others(campaign)
         return 0
     failed = {} if arguments.tables else run_jobs(campaign, arguments.cores)
-    baselines = measure_baselines(campaign, arguments.baselines) if arguments.baselines else []
-    print(campaign_tables.write(campaign, baselines))
+    others = measure_baselines(campaign, arguments.baselines) if arguments.baselines else []
+    print(campaign_tables.write(campaign, others))
     stages.say(f"Written to {campaign.output}/tables.md, .csv, .json")
     return 1 if failed else 0
 

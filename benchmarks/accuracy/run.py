@@ -10,9 +10,9 @@ import argparse
 import dataclasses
 import os
 import pathlib
-import re
 import sys
 
+import baselines
 import planes
 import sequences
 import stages
@@ -93,34 +93,40 @@ def run_sequence(programs, sequence, output, arguments):
 
 
 def run_baselines(programs, folder, sequence_list):
-    """Other systems' trajectories <system>_<sequence>[_<run>]_frames.txt, measured as ours are."""
-    found = []
-    for sequence in sequence_list:
-        by_system = {}
-        for path in sorted(folder.glob("*_frames.txt")):
-            match = re.fullmatch(r"(\w+?)_" + sequence.name + r"(_\d+)?_frames\.txt", path.name)
-            if match:
-                by_system.setdefault(match.group(1), []).append(path)
-        for system, paths in by_system.items():
-            reference = sequence.references[0]
-            reports = [programs.trajectory_error(path, reference) for path in paths]
-            found.append({"sequence": sequence.name, "reference": reference.name,
-                          "system": system,
-                          "runs": [{"ate": report["ate"]["translation"]["rmse"],
-                                    "frames": report["num_estimate"],
-                                    "time_offset": programs.time_offset(path, reference)}
-                                   for report, path in zip(reports, paths)]})
-    return found
+    """Other systems' trajectories, measured as ours are."""
+    by_name = {sequence.name: sequence for sequence in sequence_list}
+    measured = []
+    for (name, system), paths in baselines.find(folder, by_name).items():
+        reference = by_name[name].references[0]
+        reports = [programs.trajectory_error(path, reference) for path in paths]
+        measured.append({"sequence": name, "reference": reference.name, "system": system,
+                         "runs": [{"ate": report["ate"]["translation"]["rmse"],
+                                   "frames": report["num_estimate"],
+                                   "time_offset": programs.time_offset(path, reference)}
+                                  for report, path in zip(reports, paths)]})
+    return measured
+
+
+def baseline_folder(arguments):
+    """The one given, else the one beside the data; None if there is none."""
+    folder = arguments.baselines or arguments.data.parent / "baselines"
+    if not folder.is_dir():
+        if arguments.baselines:
+            sys.exit(f"{folder}: no such folder of trajectories of other systems")
+        return None
+    stages.say(f"trajectories of other systems are taken from {folder}")
+    return folder
 
 
 def real(arguments, programs):
+    folder = baseline_folder(arguments)
     chosen = [sequences.real_sequence(name, arguments.data) for name in arguments.sequences]
     results = []
     for sequence in chosen:
         if not sequence.folder.is_dir():
             sys.exit(f"{sequence.folder}: no such sequence")
         results += run_sequence(programs, sequence, arguments.output / sequence.name, arguments)
-    return results, run_baselines(programs, arguments.data.parent / "baselines", chosen)
+    return results, run_baselines(programs, folder, chosen) if folder else []
 
 
 def synthetic(arguments, programs):
@@ -146,10 +152,16 @@ def parse_arguments():
                         help="for s3-refine with planes, e.g. planes.mode=fixed; may be repeated")
     parser.add_argument("--slam-only", action="store_true",
                         help="s3-slam alone: no masks, no bundle adjustment after it")
+    parser.add_argument("--baselines", type=pathlib.Path, metavar="DIR",
+                        help="trajectories <system>_<sequence>[_<run>]_frames.txt of other systems, "
+                             "measured beside ours (default: DATA/../baselines, if it is there)")
     parser.add_argument("--readme", action="store_true",
                         help="put the tables into README.md, between the marks made for them")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.baselines and not arguments.data:
+        parser.error("--baselines needs --data")
+    return arguments
 
 
 def main():
@@ -157,13 +169,13 @@ def main():
     programs = stages.Programs(arguments.bin, arguments.threads, seed=0)
     arguments.output.mkdir(parents=True, exist_ok=True)
     try:
-        results, baselines = (real if arguments.data else synthetic)(arguments, programs)
+        results, others = (real if arguments.data else synthetic)(arguments, programs)
     except stages.StageFailed as error:
         sys.exit(str(error))
-    text = tables.report(results, baselines)
+    text = tables.report(results, others)
     stages.write_json(arguments.output / "results.json",
                       {"version": programs.version(), "threads": arguments.threads,
-                       "settings": arguments.set, "results": results, "baselines": baselines})
+                       "settings": arguments.set, "results": results, "baselines": others})
     (arguments.output / "results.md").write_text(text)
     if arguments.readme:
         tables.replace_marked(sequences.ROOT / "README.md",

@@ -123,6 +123,10 @@ def preset_sequence(preset, data):
                     camera=presets.camera_file(preset, folder), slam=preset.slam, road=preset.road)
 
 
+def all_names():
+    return [*REAL, *SCENES, *presets.ALL]
+
+
 def find(name, data, scenes):
     """A sequence by name; `scenes` is where rendered ones lie. Its folder may not be there."""
     if name in REAL:
@@ -135,8 +139,7 @@ def find(name, data, scenes):
         # A folder alone may be one in which the scene is being rendered.
         rendered = (folder / "objects.json").is_file()
         return synthetic_sequence(name, folder) if rendered else Sequence(name, folder, [], {})
-    raise KeyError(f"{name}: no such sequence; there are "
-                   f"{', '.join([*REAL, *SCENES, *presets.ALL])}")
+    raise KeyError(f"{name}: no such sequence; there are {', '.join(all_names())}")
 
 
 def real_sequences_parser(description):

@@ -12,7 +12,7 @@ import unittest
 ACCURACY = pathlib.Path(__file__).resolve().parents[2] / "benchmarks" / "accuracy"
 sys.path.insert(0, str(ACCURACY))
 
-import campaign  # noqa: E402
+import baselines  # noqa: E402
 import campaign_jobs as jobs  # noqa: E402
 
 # Notes each call; the "error" of an estimate is what its producer wrote into it.
@@ -228,7 +228,23 @@ class Campaign(unittest.TestCase):
                                     ("orb_fr1_desk_frames.txt", ("orb", "fr1_desk")),
                                     ("orb_desk_frames.txt", ("orb", "desk")),
                                     ("orb_far_frames.txt", None)):
-            self.assertEqual(campaign.system_and_sequence(file_name, names), expected)
+            self.assertEqual(baselines.system_and_sequence(file_name, names), expected)
+
+    def test_baselines_of_a_sequence_are_not_those_of_one_that_was_not_chosen(self):
+        for name in ("orb_fr1_desk", "orb_desk_1", "orb_desk_2", "dso_desk", "orb_far"):
+            (self.folder / f"{name}_frames.txt").write_text("")
+        found = {key: [path.name for path in paths]
+                 for key, paths in baselines.find(self.folder, ["desk"]).items()}
+        self.assertEqual(found, {("desk", "dso"): ["dso_desk_frames.txt"],
+                                 ("desk", "orb"): ["orb_desk_1_frames.txt", "orb_desk_2_frames.txt"]})
+
+    def test_baselines_are_measured(self):
+        self.make("tum/rgbd_dataset_freiburg1_xyz")
+        (self.folder / "others").mkdir()
+        (self.folder / "others" / "orb_fr1_xyz_1_frames.txt").write_text("0.25")
+        text = self.run_campaign("--sequences", "fr1_xyz", "--arms", "slam", "--baselines",
+                                 self.folder / "others")
+        self.assertRegex(text, r"fr1_xyz.*orb.*0\.2500")
 
     def test_wrong_names_are_refused(self):
         for arguments in (("--sequences", "nowhere"), ("--sequences", "kitti07", "--arms", "no")):
