@@ -42,7 +42,7 @@ po::options_description CommonDescription() {
   add("progress", po::value<std::string>()->default_value("bar"),
       "progress on stderr: bar, json or none");
   add("json", po::bool_switch(), "print the final report as JSON");
-  add("overwrite", po::bool_switch(), "replace what is there of the output");
+  add("overwrite", po::bool_switch(), "replace an existing output");
   add("quiet", po::bool_switch(), "only warnings and errors on stderr");
   add("print-config", "print the default configuration as JSON and exit");
   add("help,h", "print this text and exit");
