@@ -99,8 +99,8 @@ class FrameReader {
 };
 
 /// Decodes every image and takes those out of the sequence that cannot be, or are not of the size
-/// of its camera (without one: of most of those that can be decoded). Returns what is wrong with each,
-/// a line naming it. Throws the first of these as InputError if no image is left.
+/// of its camera (without one: of most of those that can be decoded). Returns what is wrong with
+/// each, a line naming it. Throws the first of these as InputError if no image is left.
 std::vector<std::string> LeaveOutUnusable(int num_threads, ImageSequence& sequence);
 
 /// camera.json: {"model": "SIMPLE_RADIAL", "width": 640, "height": 480, "params": [...], "fps": 30}
