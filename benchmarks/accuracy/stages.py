@@ -69,8 +69,8 @@ class Programs:
     def refine(self, model, semantics, output, settings=()):
         return self.run(*refine_command(model, semantics, output, settings))
 
-    def synthesise(self, scene, output):
-        return self.run(*synth_command(scene, output))
+    def synthesise(self, scene, output, settings=()):
+        return self.run(*synth_command(scene, output, settings))
 
     def trajectory_error(self, estimate, ground_truth, *arguments):
         """The report of s3-eval after Sim(3) alignment."""
@@ -115,8 +115,8 @@ def refine_command(model, semantics, output, settings=()):
             *set_options(settings)]
 
 
-def synth_command(scene, output):
-    return ["s3-synth", "--scene", scene, "--output", output, "--overwrite"]
+def synth_command(scene, output, settings=()):
+    return ["s3-synth", "--scene", scene, "--output", output, "--overwrite", *set_options(settings)]
 
 
 def set_options(settings):

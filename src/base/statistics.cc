@@ -13,6 +13,12 @@ double UpperQuantile(std::vector<double> values, double share) {
   return *place;
 }
 
+double MedianStep(const std::vector<double>& values) {
+  std::vector<double> steps;
+  for (size_t i = 1; i < values.size(); ++i) steps.push_back(values[i] - values[i - 1]);
+  return Median(std::move(steps));
+}
+
 double RayleighQuantile(double share) { return std::sqrt(-2.0 * std::log(1.0 - share)); }
 
 double ResidualCorrection(size_t track_length) {

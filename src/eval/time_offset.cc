@@ -22,11 +22,9 @@ constexpr size_t kNumBlocks = 10;
 constexpr double kMinUnexplained = 1e-6;
 
 double MedianInterval(const Trajectory& trajectory) {
-  std::vector<double> intervals;
-  for (size_t i = 1; i < trajectory.size(); ++i) {
-    intervals.push_back(trajectory[i].time_s - trajectory[i - 1].time_s);
-  }
-  return intervals.empty() ? 0.0 : Median(std::move(intervals));
+  std::vector<double> times_s;
+  for (const TimedPose& pose : trajectory) times_s.push_back(pose.time_s);
+  return MedianStep(times_s);
 }
 
 /// Offsets are tried from minus to plus this many steps.

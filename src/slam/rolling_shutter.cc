@@ -17,12 +17,6 @@ constexpr size_t kReach = 2;              // Frames on either side that tell a m
 constexpr double kMaxSquaredError = 9.0;  // [sigma^2]
 constexpr int kMinObservations = 20;      // Of a keyframe.
 
-double MedianInterval(const std::vector<double>& times_s) {
-  std::vector<double> intervals;
-  for (size_t i = 1; i < times_s.size(); ++i) intervals.push_back(times_s[i] - times_s[i - 1]);
-  return intervals.empty() ? 0.0 : Median(std::move(intervals));
-}
-
 /// Of a pixel from the middle of the image, in widths and heights of it.
 Eigen::Vector2d FromMiddle(const Camera& camera, const Eigen::Vector2f& pixel) {
   const Eigen::Vector2d size(camera.width, camera.height);
@@ -159,7 +153,7 @@ Eigen::Vector3d FrameMotion::PointAfter(double time_s,
 
 std::vector<std::optional<FrameMotion>> FindMotions(const std::vector<double>& times_s,
                                                     const std::vector<FrameTrack>& localized) {
-  const double max_interval_s = kBridgedIntervals * MedianInterval(times_s);
+  const double max_interval_s = kBridgedIntervals * MedianStep(times_s);
   const auto is_bridged = [&](size_t i) {  // From frame i - 1 to frame i.
     return i > 0 && i < localized.size() && localized[i - 1].tracked && localized[i].tracked &&
            times_s[i] - times_s[i - 1] <= max_interval_s;

@@ -133,12 +133,6 @@ class Compensation {
   std::optional<ShutterCorrection> correction_;                   // From the first correction on.
 };
 
-double MedianInterval(const std::vector<double>& times_s) {
-  std::vector<double> intervals;
-  for (size_t i = 1; i < times_s.size(); ++i) intervals.push_back(times_s[i] - times_s[i - 1]);
-  return Median(std::move(intervals));
-}
-
 void CorrectByKnown(const RollingShutterOptions& options, Compensation& compensation,
                     RollingShutterReport& report) {
   constexpr int kRounds = 2;  // The second with motions that the first has corrected.
@@ -194,7 +188,7 @@ void HandleRollingShutter(const Options& options, const Input& input,
     if (shutter.readout_s > 0.0) {
       CorrectByKnown(shutter, compensation, result);
     } else if (result.is_seen) {
-      CorrectByEstimated(along_x, MedianInterval(input.times_s), compensation, result);
+      CorrectByEstimated(along_x, MedianStep(input.times_s), compensation, result);
     } else {
       spdlog::info("no rolling shutter is seen");
     }

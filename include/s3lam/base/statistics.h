@@ -12,6 +12,9 @@ double UpperQuantile(std::vector<double> values, double share);
 /// The upper median; zero for no values.
 inline double Median(std::vector<double> values) { return UpperQuantile(std::move(values), 0.5); }
 
+/// The median of the differences of successive values; zero for fewer than two.
+double MedianStep(const std::vector<double>& values);
+
 /// The median of the absolute value of a normal variable with a sigma of one.
 inline constexpr double kMedianOfAbsoluteNormal = 0.6744897501960817;
 
