@@ -131,6 +131,7 @@ json CamerasToJson(const RefineReport& report) {
                        {"params_before", camera.before},
                        {"params_after", camera.after},
                        {"distortion_cost_share", camera.distortion_cost_share},
+                       {"distortion_is_doubtful", camera.distortion_is_doubtful},
                        {"pinhole_cost_share", camera.pinhole_cost_share},
                        {"better_pinhole", camera.better_pinhole}});
   }

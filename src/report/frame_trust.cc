@@ -139,9 +139,25 @@ void AddFocalDoubt(const json& slam, std::vector<std::string>& doubts) {
   doubts.push_back(fmt::format("The images do not determine the focal length{}.", value));
 }
 
+/// " (25 % of the reprojection cost)"; empty if the share is not known.
+std::string ShareOfCost(const json& object, const char* key) {
+  const auto share = Number(Member(object, key));
+  return share ? fmt::format(" ({:.0f} % of the reprojection cost)", 100.0 * *share) : "";
+}
+
+/// `object` is one of s3-refine's cameras.
+void AddDistortionDoubt(const json& object, const std::string& whose,
+                        std::vector<std::string>& doubts) {
+  if (Member(object, "distortion_is_doubtful") != json(true)) return;
+  doubts.push_back(fmt::format(
+      "The calibration{} is in doubt: another lens distortion would explain the images much "
+      "better{}.",
+      whose, ShareOfCost(object, "distortion_cost_share")));
+}
+
 /// `object` is a report of s3-slam, or one of s3-refine's cameras.
-void AddCalibrationDoubt(const json& object, const std::string& whose,
-                         std::vector<std::string>& doubts) {
+void AddPinholeDoubt(const json& object, const std::string& whose,
+                     std::vector<std::string>& doubts) {
   const json& pinhole = Member(object, "better_pinhole");
   if (!pinhole.is_array() || pinhole.size() != 4) return;
   std::array<double, 4> values{};
@@ -150,12 +166,11 @@ void AddCalibrationDoubt(const json& object, const std::string& whose,
     if (!value) return;
     values[i] = *value;
   }
-  const auto share = Number(Member(object, "pinhole_cost_share"));
   doubts.push_back(fmt::format(
       "The calibration{} is in doubt: focal lengths of {:.1f}, {:.1f} px and a principal point of "
       "({:.1f}, {:.1f}) px would explain the images much better{}.",
       whose, values[0], values[1], values[2], values[3],
-      share ? fmt::format(" ({:.0f} % of the reprojection cost)", 100.0 * *share) : ""));
+      ShareOfCost(object, "pinhole_cost_share")));
 }
 
 void AddShutterDoubt(const json& slam, std::vector<std::string>& doubts) {
@@ -175,13 +190,14 @@ void AddRefinedCalibrationDoubts(const RunFolder& run, std::vector<std::string>&
     if (Member(camera, "refined") == json(true)) continue;
     const json& ids = Member(camera, "cameras");
     const auto id = ids.is_array() && !ids.empty() ? Count(ids[0]) : std::nullopt;
-    AddCalibrationDoubt(
-        camera, id ? fmt::format(" of camera {} in s3-refine", *id) : " in s3-refine", found);
+    const std::string whose = id ? fmt::format(" of camera {} in s3-refine", *id) : " in s3-refine";
+    AddDistortionDoubt(camera, whose, found);
+    AddPinholeDoubt(camera, whose, found);
   }
   if (found.size() > kMaxListed) {
     const size_t more = found.size() - kMaxListed;
     found.resize(kMaxListed);
-    found.push_back(fmt::format("The calibrations of {} more cameras are in doubt.", more));
+    found.push_back(fmt::format("There are {} more doubts about calibrations.", more));
   }
   doubts.insert(doubts.end(), found.begin(), found.end());
 }
@@ -234,7 +250,7 @@ std::vector<std::string> DescribeDoubts(const RunFolder& run, const FrameTrust& 
   if (const json* slam = FindReport(run, "1_slam")) {
     AddMapDoubt(*slam, doubts);
     AddFocalDoubt(*slam, doubts);
-    AddCalibrationDoubt(*slam, "", doubts);
+    AddPinholeDoubt(*slam, "", doubts);
     AddShutterDoubt(*slam, doubts);
     AddLeftOutDoubt(*slam, doubts);
   }

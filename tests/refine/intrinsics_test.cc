@@ -281,6 +281,7 @@ TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
   EXPECT_FALSE(told.cameras[0].refined);
   EXPECT_EQ(kept.model.cameras.begin()->second.model, CameraModel::kPinhole);
   EXPECT_NE(ToTable(told).find("another lens distortion"), std::string::npos);
+  EXPECT_EQ(ToJson(told)["cameras"][0]["distortion_is_doubtful"], true);
   Output refined;
   const Report report = refine::Run(
       MakeOptions({"planes.mode=off", "intrinsics.distortion=true", "intrinsics.tangential=true"}),
@@ -327,6 +328,7 @@ TEST(RefineIntrinsics, ARightCalibrationIsNotSpokenOf) {
   ASSERT_EQ(report.cameras.size(), 1u);
   EXPECT_FALSE(report.cameras[0].distortion_is_doubtful);
   EXPECT_EQ(ToTable(report).find("distortion"), std::string::npos);
+  EXPECT_EQ(ToJson(report)["cameras"][0]["distortion_is_doubtful"], false);
   EXPECT_TRUE(report.cameras[0].better_pinhole.empty());
   const Report unchecked = refine::Run(MakeOptions({"planes.mode=off", "intrinsics.check=false"}),
                                        MakeInput(map), output);

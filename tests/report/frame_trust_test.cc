@@ -166,6 +166,23 @@ TEST(Doubts, RollingShutterThatIsNotCorrected) {
   }
 }
 
+TEST(Doubts, LensDistortion) {
+  json camera = {{"cameras", json::array({7})},
+                 {"refined", false},
+                 {"distortion_cost_share", 0.3},
+                 {"distortion_is_doubtful", true}};
+  const auto doubts_of = [](const json& of_camera) {
+    return DoubtsOf(RunOf({}, {{"cameras", json::array({of_camera})}}));
+  };
+  EXPECT_THAT(doubts_of(camera),
+              ElementsAre(AllOf(HasSubstr("camera 7 in s3-refine is in doubt"),
+                                HasSubstr("another lens distortion"), HasSubstr("30 % of"))));
+  camera["better_pinhole"] = {610.0, 611.0, 320.0, 240.0};
+  EXPECT_THAT(doubts_of(camera), ElementsAre(HasSubstr("lens distortion"), HasSubstr("610.0")));
+  camera["distortion_is_doubtful"] = false;
+  EXPECT_THAT(doubts_of(camera), ElementsAre(HasSubstr("610.0")));
+}
+
 TEST(Doubts, ImagesLeftOut) {
   EXPECT_THAT(
       DoubtsOf(RunOf({{"images_left_out", {"a.png: cannot be decoded", "b.png: too small"}}})),
