@@ -44,7 +44,7 @@ class OuterLoop {
           if (heights_.contradicted()) break;
         }
         iteration.membership = AssignPoints(settings_.planes.membership, settings_.planes.sigma,
-                                            settings_.solver.sigma_px, *planes_, map_.problem);
+                                            settings_.solver, *planes_, map_.problem);
         DropUnusedStructure(*planes_, map_.problem);
         if (iteration.membership.members == 0) {
           spdlog::warn("no plane has enough points near it: the result is without planes");

@@ -20,18 +20,20 @@ inline double NormalVariance(const PlaneModel& model, const BundleProblem& probl
   return std::max(0.0, normal.dot(model.covariances[point] * normal));
 }
 
-/// The unbiased (free) distance of a point in sigmas of its prediction. A member was pulled towards
-/// its plane by sigma^2 / (s^2 w + sigma^2), with s from triangulation and w Huber's weight.
-inline double Innovation(double distance, double triangulation_variance, double sigma,
-                         bool is_member) {
+/// The distance of a point to its plane in sigmas of its prediction, if the plane did not pull.
+inline double Innovation(double distance, double triangulation_variance, double sigma) {
+  return std::abs(distance) / std::sqrt(triangulation_variance + sigma * sigma);
+}
+
+/// The distance that a member would have without its plane, which pulled it closer by
+/// sigma^2 / (s^2 w + sigma^2), with s from triangulation and w the weight that Huber's loss beyond
+/// `huber_plane` sigmas (BundleSolverOptions) gave it [map units].
+inline double FreeDistance(double distance, double triangulation_variance, double sigma,
+                           double huber_plane) {
   const double variance = sigma * sigma;
-  constexpr double kHuberPlane = 1.96;
-  double free_distance = std::abs(distance);
-  if (is_member) {
-    const double weight = std::min(1.0, kHuberPlane * sigma / std::max(free_distance, 1e-300));
-    free_distance *= (triangulation_variance * weight + variance) / variance;
-  }
-  return free_distance / std::sqrt(triangulation_variance + variance);
+  const double pulled = std::abs(distance);
+  const double weight = std::min(1.0, huber_plane * sigma / std::max(pulled, 1e-300));
+  return pulled * ((triangulation_variance * weight + variance) / variance);
 }
 
 }  // namespace s3lam

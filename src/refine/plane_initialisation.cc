@@ -92,8 +92,7 @@ void LimitUncertainty(const PlaneOptions& options, double sigma_px, const Bundle
       const double sigma = PlaneSigma(options.sigma, model, sigma_px, state, i);
       const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
       const double distance = std::abs(Distance(problem, static_cast<int>(k), i));
-      best.push_back(
-          {variance / (sigma * sigma), distance, Innovation(distance, variance, sigma, false)});
+      best.push_back({variance / (sigma * sigma), distance, Innovation(distance, variance, sigma)});
     }
     std::stable_sort(best.begin(), best.end(),
                      [](const Candidate& a, const Candidate& b) { return a.ratio < b.ratio; });
@@ -120,7 +119,7 @@ void GateMembers(const PlaneSigmaOptions& options, double sigma_px, double gate,
       if (!(model.keypoint_size[i] > 0.0)) continue;
       const int plane = static_cast<int>(k);
       if (Innovation(Distance(problem, plane, i), NormalVariance(model, problem, plane, i),
-                     PlaneSigma(options, model, sigma_px, state, i), false) <= gate) {
+                     PlaneSigma(options, model, sigma_px, state, i)) <= gate) {
         state.members.push_back(i);
       }
     }

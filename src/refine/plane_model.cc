@@ -221,7 +221,8 @@ void RefitPlanes(const PlaneSigmaOptions& options, double sigma_px, bool constan
 }
 
 MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,
-                              double sigma_px, PlaneModel& model, BundleProblem& problem) {
+                              const BundleSolverOptions& solver, PlaneModel& model,
+                              BundleProblem& problem) {
   MembershipCounts counts;
   problem.points_on_planes.clear();
   for (size_t k = 0; k < model.planes.size(); ++k) {
@@ -234,14 +235,15 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
     for (const int i : state.candidates) {
       const bool was_member = std::binary_search(state.members.begin(), state.members.end(), i);
       bool is_member = false;
-      const double sigma_i = PlaneSigma(sigma, model, sigma_px, state, i);
+      const double sigma_i = PlaneSigma(sigma, model, solver.sigma_px, state, i);
       const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
       if (stays) {
         is_member = was_member && model.keypoint_size[i] > 0.0;
       } else if (model.keypoint_size[i] > 0.0) {
         const bool was_pulled = was_member && !problem.IsConstantPoint(i);
-        const double innovation =
-            Innovation(Distance(problem, static_cast<int>(k), i), variance, sigma_i, was_pulled);
+        double distance = Distance(problem, static_cast<int>(k), i);
+        if (was_pulled) distance = FreeDistance(distance, variance, sigma_i, solver.huber_plane);
+        const double innovation = Innovation(distance, variance, sigma_i);
         is_member = innovation <= options.max_sigma &&
                     std::sqrt(variance + sigma_i * sigma_i) <= state.max_uncertainty;
         counts.outliers += !is_member;
@@ -263,7 +265,7 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
     for (const int i : state.members) {
       const double strength = state.is_ground ? model.ground_strength : 1.0;
       problem.points_on_planes.push_back(
-          {i, static_cast<int>(k), PlaneSigma(sigma, model, sigma_px, state, i) / strength});
+          {i, static_cast<int>(k), PlaneSigma(sigma, model, solver.sigma_px, state, i) / strength});
     }
   }
   std::sort(problem.points_on_planes.begin(), problem.points_on_planes.end(),

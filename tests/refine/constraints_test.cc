@@ -105,7 +105,7 @@ TEST(RefineConstraints, MembershipOfConstantPointsSettles) {
   FreezeUncertainty(bundle.problem, 1.0, planes);
   InitialisePlanes(options.planes, 1.0, planes, bundle.problem);
   const auto assign = [&] {
-    return AssignPoints(options.planes.membership, options.planes.sigma, 1.0, planes,
+    return AssignPoints(options.planes.membership, options.planes.sigma, options.solver, planes,
                         bundle.problem);
   };
   EXPECT_GT(assign().members, 100u);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "s3lam/base/options.h"
+#include "s3lam/refine/bundle_solver.h"
 #include "s3lam/refine/problem_builder.h"
 #include "s3lam/robust/flat_cells.h"
 #include "s3lam/robust/plane_fit.h"
@@ -135,10 +136,11 @@ struct MembershipCounts {
 };
 
 /// Decides for every candidate whether it lies on its plane, by the distance it would have without
-/// the plane's pull (chi-squared, 95 %, 1 dof), and writes the terms into the problem. Points of
-/// the ground are chosen once, before the cameras' heights pull at it.
+/// the plane's pull in a solve by `solver` (chi-squared, 95 %, 1 dof), and writes the terms into
+/// the problem. Points of the ground are chosen once, before the cameras' heights pull at it.
 MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigmaOptions& sigma,
-                              double sigma_px, PlaneModel& model, BundleProblem& problem);
+                              const BundleSolverOptions& solver, PlaneModel& model,
+                              BundleProblem& problem);
 
 /// Takes relations and camera heights off planes that have too few points: nothing else holds
 /// those.
