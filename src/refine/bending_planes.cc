@@ -23,6 +23,15 @@ Eigen::Vector3d LongAxis(const std::vector<int>& indices, const AnchoredPlane& p
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter).eigenvectors().col(2);
 }
 
+/// Median of the values of points, of those in use: others have none; zero without any.
+double MedianInUse(const std::vector<double>& values, const std::vector<int>& points) {
+  std::vector<double> chosen;
+  for (const int i : points) {
+    if (values[i] > 0.0) chosen.push_back(values[i]);
+  }
+  return Median(std::move(chosen));
+}
+
 class Cutter {
  public:
   Cutter(const BendingOptions& options, const ClassTable& classes, double sigma_px,
@@ -32,11 +41,8 @@ class Cutter {
         sigma_px_(sigma_px),
         model_(model),
         problem_(problem),
-        pixel_size_(PixelSizes(problem)) {
-    double focal = 0.0;
-    for (const Camera& camera : problem.cameras) focal += camera.MeanFocal();
-    focal_ = problem.cameras.empty() ? 0.0 : focal / static_cast<double>(problem.cameras.size());
-  }
+        depths_(DepthsOfPoints(problem)),
+        pixel_sizes_(PixelSizes(problem)) {}
 
   void Run() {
     const size_t count = model_.planes.size();
@@ -50,12 +56,8 @@ class Cutter {
  private:
   void Cut(size_t k) {
     const std::vector<int> candidates = model_.planes[k].candidates;
-    std::vector<double> sizes;
-    for (const int i : candidates) {
-      if (pixel_size_[i] > 0.0) sizes.push_back(pixel_size_[i]);
-    }
-    const double pixel = Median(std::move(sizes));
-    const double length = options_.length_depths * pixel * focal_;
+    const double pixel = MedianInUse(pixel_sizes_, candidates);
+    const double length = options_.length_depths * MedianInUse(depths_, candidates);
     if (!(length > 0.0)) return;
     const AnchoredPlane whole = problem_.planes[k];
     const Eigen::Vector3d axis = LongAxis(candidates, whole, problem_.points);
@@ -127,8 +129,8 @@ class Cutter {
   double sigma_px_;
   PlaneModel& model_;
   BundleProblem& problem_;
-  std::vector<double> pixel_size_;
-  double focal_ = 0.0;
+  std::vector<double> depths_;
+  std::vector<double> pixel_sizes_;
 };
 
 }  // namespace

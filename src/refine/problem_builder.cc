@@ -289,8 +289,10 @@ std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& probl
 
 namespace {
 
-/// Median over a point's observations of depth / focal length, or of that times their sigmas.
-std::vector<double> SizesAtPoints(const BundleProblem& problem, bool of_keypoints) {
+/// Median over each point's observations of `size_of`(observation, its camera, depth in it); zero
+/// for a point without observations.
+template <typename SizeOf>
+std::vector<double> MedianSizes(const BundleProblem& problem, SizeOf&& size_of) {
   const std::vector<Rigid3> poses = PosesOf(problem);
   std::vector<double> sizes(problem.points.size(), 0.0);
   std::vector<double> of_point;
@@ -300,9 +302,8 @@ std::vector<double> SizesAtPoints(const BundleProblem& problem, bool of_keypoint
     of_point.clear();
     for (end = begin; end < observations.size() && observations[end].point == point; ++end) {
       const int pose = observations[end].pose;
-      const Camera& camera = problem.cameras[problem.camera_of_pose[pose]];
-      const double unit = of_keypoints ? observations[end].sigma : 1.0;
-      of_point.push_back(unit * (poses[pose] * problem.points[point]).z() / camera.MeanFocal());
+      of_point.push_back(size_of(observations[end], problem.cameras[problem.camera_of_pose[pose]],
+                                 (poses[pose] * problem.points[point]).z()));
     }
     sizes[point] = Median(of_point);
   }
@@ -311,12 +312,21 @@ std::vector<double> SizesAtPoints(const BundleProblem& problem, bool of_keypoint
 
 }  // namespace
 
+std::vector<double> DepthsOfPoints(const BundleProblem& problem) {
+  return MedianSizes(problem,
+                     [](const BundleObservation&, const Camera&, double depth) { return depth; });
+}
+
 std::vector<double> PixelSizes(const BundleProblem& problem) {
-  return SizesAtPoints(problem, false);
+  return MedianSizes(problem, [](const BundleObservation&, const Camera& camera, double depth) {
+    return depth / camera.MeanFocal();
+  });
 }
 
 std::vector<double> KeypointSizes(const BundleProblem& problem) {
-  return SizesAtPoints(problem, true);
+  return MedianSizes(problem, [](const BundleObservation& o, const Camera& camera, double depth) {
+    return o.sigma * depth / camera.MeanFocal();
+  });
 }
 
 Reconstruction ToReconstruction(const BundleMap& map, const Reconstruction& original) {

@@ -165,6 +165,23 @@ TEST(RefineBending, LongSurfacesOfBendingClassesAreCut) {
   EXPECT_GT(report.planes.size(), whole_report.planes.size());
 }
 
+TEST(RefineBending, PiecesAreAsLongWhateverOtherCamerasThereAre) {
+  Input input = MakeInput(MakeDrive());
+  Options options;
+  options.camera_height.mode = CameraHeightMode::kOff;
+  Output alone;
+  refine::Run(options, input, alone);
+  Camera telescope = input.model.cameras.begin()->second;
+  telescope.id = CameraId(99);
+  telescope.params[0] *= 1000.0;
+  telescope.params[1] *= 1000.0;
+  input.model.cameras[telescope.id] = telescope;  // That nothing was taken with.
+  Output beside;
+  refine::Run(options, input, beside);
+  EXPECT_EQ(alone.semantics.planes.size(), beside.semantics.planes.size());
+  EXPECT_TRUE(SameBytes(alone.model, beside.model));
+}
+
 TEST(RefineRelations, ParallelAndOrthogonalPlanesComeNearerToIt) {
   const SyntheticMap map = MakeDeskMap();
   Options options;

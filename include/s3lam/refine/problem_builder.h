@@ -86,6 +86,10 @@ double MeasureKeypointSigma(const BundleMap& map);
 std::vector<Eigen::Matrix3d> TriangulationCovariances(const BundleProblem& problem,
                                                       double sigma_px);
 
+/// Per point: median depth over the cameras that see it [map units]; zero for a point that is not
+/// in use.
+std::vector<double> DepthsOfPoints(const BundleProblem& problem);
+
 /// Per point: median depth over the cameras that see it divided by their focal length, i.e. the
 /// size of a pixel at the point [map units / px]; zero for a point that is not in use.
 std::vector<double> PixelSizes(const BundleProblem& problem);
