@@ -122,10 +122,17 @@ void AddCovariance(const Options& options, const BundleMap& map, const PlaneMode
   }
 }
 
-double HeldDistance(const BundleProblem& problem) {
-  if (problem.gauge.scale_pose < 0) return 1.0;
-  return (problem.CenterOf(problem.gauge.scale_pose) - problem.CenterOf(problem.gauge.fixed_pose))
-      .norm();
+/// How much the distance that the gauge holds at the end changed since the input, relative: the
+/// pair of cameras may have become another one on the way.
+double ScaleChange(const BundleProblem& problem, const std::vector<PoseBlock>& input_poses) {
+  const Gauge& gauge = problem.gauge;
+  if (gauge.scale_pose < 0) return 0.0;
+  const auto distance = [&](const std::vector<PoseBlock>& poses) {
+    return (FromPoseBlock(poses[gauge.scale_pose].data()).CenterInB() -
+            FromPoseBlock(poses[gauge.fixed_pose].data()).CenterInB())
+        .norm();
+  };
+  return distance(problem.poses) / distance(input_poses) - 1.0;
 }
 
 void CountUse(const BundleMap& map, Report& report) {
@@ -255,7 +262,6 @@ Report RunInWorld(const Options& given_options, const Input& given, Output& outp
     planes = BuildPlaneModel(options.planes.membership, input.semantics, map);
   }
   std::vector<ArmState> arms{Snapshot("input", map)};
-  const double held_distance = HeldDistance(map.problem);
   std::vector<std::vector<int>> refined_camera_params;
   {
     const ScopedStep step(report.seconds, "plain");
@@ -277,7 +283,7 @@ Report RunInWorld(const Options& given_options, const Input& given, Output& outp
     WarnOfUnused(planar.empty() ? distances : UnusedDistances(distances, planes, map.problem));
   }
   const ScopedStep step(report.seconds, "output");
-  report.gauge_scale_change = HeldDistance(map.problem) / held_distance - 1.0;
+  report.gauge_scale_change = ScaleChange(map.problem, arms.front().poses);
   report.observations = report.iterations.back().observations;
   report.membership = report.iterations.back().membership;
   for (const OuterIteration& iteration : report.iterations) {

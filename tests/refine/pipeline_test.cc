@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "refine/refine_fixture.h"
 #include "s3lam/base/rng.h"
 #include "s3lam/geometry/alignment.h"
@@ -39,6 +41,51 @@ TEST(Refine, TheGaugeIsHeld) {
     EXPECT_EQ((before.translation - after.translation).norm(), 0.0);
     EXPECT_LT(RotationAngle(before.rotation, after.rotation), 1e-12);
   }
+}
+
+/// From the first camera [map units].
+double DistanceOf(ImageId id, const Reconstruction& model) {
+  return (model.images.at(id).cam_from_world.CenterInB() -
+          model.images.begin()->second.cam_from_world.CenterInB())
+      .norm();
+}
+
+/// The image whose camera is farthest from the first one's.
+ImageId FarthestImage(const Reconstruction& model) {
+  const auto farthest =
+      std::max_element(model.images.begin(), model.images.end(), [&](const auto& a, const auto& b) {
+        return DistanceOf(a.first, model) < DistanceOf(b.first, model);
+      });
+  return farthest->first;
+}
+
+/// Takes the observations of an image away, all but those of its first keypoints.
+void ForgetWhatWasSeen(ImageId id, size_t num_kept, Reconstruction& model) {
+  std::vector<Point2D>& keypoints = model.images.at(id).points2D;
+  for (size_t i = num_kept; i < keypoints.size(); ++i) keypoints[i].point_id = kInvalidPointId;
+  for (auto& [point_id, point] : model.points) {
+    std::erase_if(point.track, [&](const TrackElement& element) {
+      return element.image_id == id && element.point2D_index >= num_kept;
+    });
+  }
+}
+
+TEST(Refine, WhereAnotherCameraHoldsTheScaleItsOwnDistanceIsTold) {
+  Input input = MakeInput(MakeDeskMap());
+  const ImageId lost = FarthestImage(input.model);
+  constexpr size_t kKept = 8;  // Half of which do not fit: too few are left.
+  ForgetWhatWasSeen(lost, kKept, input.model);
+  for (size_t i = 0; i < kKept; i += 2) {
+    input.model.images.at(lost).points2D[i].xy.x() += i % 4 == 0 ? 80.0 : -80.0;
+  }
+  Output output;
+  const Report report = refine::Run(WithMode(PlaneMode::kOff), input, output);
+  ASSERT_EQ(report.num_images_in_use, 15U);
+  Reconstruction others = input.model;
+  others.images.erase(lost);
+  const ImageId next = FarthestImage(others);
+  EXPECT_NEAR(report.gauge_scale_change,
+              DistanceOf(next, output.model) / DistanceOf(next, input.model) - 1.0, 1e-9);
 }
 
 class RefineScaleTest : public ::testing::TestWithParam<double> {};
@@ -238,13 +285,6 @@ Reconstruction Shuffled(const Reconstruction& model) {
   return result;
 }
 
-void ForgetWhatWasSeen(ImageId id, Reconstruction& model) {
-  for (Point2D& point : model.images.at(id).points2D) point.point_id = kInvalidPointId;
-  for (auto& [point_id, point] : model.points) {
-    std::erase_if(point.track, [&](const TrackElement& element) { return element.image_id == id; });
-  }
-}
-
 /// Distance from where it should be, if all the others are aligned.
 double ErrorOf(ImageId id, const Reconstruction& model, const Reconstruction& truth) {
   Reconstruction others = truth;
@@ -264,7 +304,7 @@ TEST(Refine, AnImageThatSeesNothingGoesWithTheNearestOnes) {
   for (const auto& [id, image] : truth.images) {
     Input input;
     input.model = Shuffled(map.estimate);
-    ForgetWhatWasSeen(id, input.model);
+    ForgetWhatWasSeen(id, 0, input.model);
     Output output;
     EXPECT_EQ(refine::Run(WithMode(PlaneMode::kOff), input, output).num_images_in_use, 15u);
     before += ErrorOf(id, input.model, truth);

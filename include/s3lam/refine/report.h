@@ -63,8 +63,10 @@ struct RefineReport {
   double keypoint_sigma_px = 0.0;                     // Of the median keypoint, given or measured.
   bool keypoints_differ = false;                      // Each has a sigma of its own.
   double median_depth = 0.0;                          // [map units]
-  double metres_per_unit = 0.0;     // If the camera's height is known: the output is in metres.
-  double gauge_scale_change = 0.0;  // Of the held distance, relative: zero if the gauge held.
+  double metres_per_unit = 0.0;  // If the camera's height is known: the output is in metres.
+  /// Of the distance held at the end since the input, relative: zero if the gauge held, and was the
+  /// same all along.
+  double gauge_scale_change = 0.0;
   GroundReport ground;
   FrameRefinementReport frames;
   GravityReport gravity;
