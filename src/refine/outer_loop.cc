@@ -47,7 +47,7 @@ class OuterLoop {
                                             settings_.solver, *planes_, map_.problem);
         DropUnusedStructure(*planes_, map_.problem);
         if (iteration.membership.members == 0) {
-          spdlog::warn("no plane has enough points near it: the result is without planes");
+          lost_planes_ = true;
           break;
         }
         if (settings_.planes.mode == PlaneMode::kHard) {
@@ -73,6 +73,8 @@ class OuterLoop {
   }
 
   [[nodiscard]] std::string DoubtsAboutHeights() const { return heights_.Doubts(); }
+  /// In the end no plane had enough points near it.
+  [[nodiscard]] bool lost_planes() const { return lost_planes_; }
 
  private:
   /// The input must not pass for a result.
@@ -158,6 +160,7 @@ class OuterLoop {
   HeightWeights weights_;
   CameraHeights heights_;
   std::vector<OuterIteration> iterations_;
+  bool lost_planes_ = false;
 };
 
 void LogGround(const GroundReport& ground) {
@@ -177,9 +180,16 @@ void CountGround(const BundleProblem& problem, GroundReport& ground) {
   ground.num_cameras = problem.heights.size();
 }
 
+/// What an adjustment with planes starts from.
+struct PlanarStart {
+  PlaneModel planes;
+  BundleMap map;
+};
+
 struct PlanarResult {
   std::vector<OuterIteration> iterations;
   std::string doubts_about_heights;
+  bool lost_planes = false;
 };
 
 PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticMap& semantics,
@@ -195,10 +205,52 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
   PlanarResult result;
   result.iterations = loop.Run();
   result.doubts_about_heights = loop.DoubtsAboutHeights();
+  result.lost_planes = loop.lost_planes();
   if (result.doubts_about_heights.empty() || weights == HeightWeights::kHonest) {
     FlattenPoints(settings.solver, settings.planes.sigma, planes, map.problem);
   }
   return result;
+}
+
+/// With the camera's height as far as it is found, asked for and not contradicted.
+PlanarResult AdjustWithGround(const OuterLoopSettings& settings, const SemanticMap& semantics,
+                              const PlanarStart& start, PlaneModel& planes, BundleMap& map,
+                              GroundReport& ground) {
+  const double sigma_px = settings.solver.sigma_px;
+  if (settings.camera_height.mode == CameraHeightMode::kOff) {
+    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
+  }
+  ground = AddGround(settings.camera_height, semantics, sigma_px, planes, map);
+  LogGround(ground);
+  if (!ground.in_use) {
+    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
+  }
+  PlanarResult result = AdjustWithPlanes(settings, semantics, HeightWeights::kRaised, planes, map);
+  if (result.doubts_about_heights.empty()) return result;
+  planes = start.planes;
+  map = start.map;
+  if (settings.camera_height.mode == CameraHeightMode::kOn) {
+    spdlog::warn("camera height: {}; it counts for less", result.doubts_about_heights);
+    ground = AddGround(settings.camera_height, semantics, sigma_px, planes, map);
+  } else {
+    ground.in_use = false;
+    ground.reason = result.doubts_about_heights;
+    LogGround(ground);
+  }
+  return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
+}
+
+/// What the planes did to the map before they lost their points is undone.
+void ReturnWithoutPlanes(const PlanarStart& start, PlaneModel& planes, BundleMap& map,
+                         GroundReport& ground) {
+  spdlog::warn("no plane has enough points near it: the result is without planes");
+  planes = start.planes;
+  map = start.map;
+  for (PlaneState& plane : planes.planes) plane.in_use = false;
+  DropUnusedStructure(planes, map.problem);
+  if (!ground.in_use) return;
+  ground.in_use = false;
+  ground.reason = "too few points are near the ground";
 }
 
 }  // namespace
@@ -241,29 +293,11 @@ std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
                                          BundleMap& map, GroundReport& ground) {
   if (settings.planes.mode == PlaneMode::kOff || semantics.clusters.empty()) return {};
   FreezeUncertainty(map.problem, settings.solver.sigma_px, planes);
-  if (settings.camera_height.mode == CameraHeightMode::kOff) {
-    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map).iterations;
-  }
-  const PlaneModel planes_before = planes;
-  const BundleMap map_before = map;
-  ground = AddGround(settings.camera_height, semantics, settings.solver.sigma_px, planes, map);
-  LogGround(ground);
-  if (!ground.in_use) {
-    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map).iterations;
-  }
-  PlanarResult result = AdjustWithPlanes(settings, semantics, HeightWeights::kRaised, planes, map);
-  if (!result.doubts_about_heights.empty()) {
-    planes = planes_before;
-    map = map_before;
-    if (settings.camera_height.mode == CameraHeightMode::kOn) {
-      spdlog::warn("camera height: {}; it counts for less", result.doubts_about_heights);
-      ground = AddGround(settings.camera_height, semantics, settings.solver.sigma_px, planes, map);
-    } else {
-      ground.in_use = false;
-      ground.reason = result.doubts_about_heights;
-      LogGround(ground);
-    }
-    result = AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
+  const PlanarStart start{planes, map};
+  PlanarResult result = AdjustWithGround(settings, semantics, start, planes, map, ground);
+  if (result.lost_planes) {
+    ReturnWithoutPlanes(start, planes, map, ground);
+    return {};
   }
   if (ground.in_use) {
     ground.height = map.problem.height;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <optional>
 
 #include "refine/refine_fixture.h"
 #include "s3lam/base/rng.h"
@@ -86,6 +87,57 @@ TEST(Refine, WhereAnotherCameraHoldsTheScaleItsOwnDistanceIsTold) {
   const ImageId next = FarthestImage(others);
   EXPECT_NEAR(report.gauge_scale_change,
               DistanceOf(next, output.model) / DistanceOf(next, input.model) - 1.0, 1e-9);
+}
+
+/// The least number of points that a plane has in all rounds but one that has fewer; empty if there
+/// is none.
+std::optional<int> MembersBeforeALoss(const Report& report) {
+  std::optional<size_t> least;
+  for (const OuterIteration& it : report.iterations) {
+    if (!it.with_planes) continue;
+    if (least && it.membership.members < *least) return static_cast<int>(*least);
+    least = std::min(least.value_or(it.membership.members), it.membership.members);
+  }
+  return std::nullopt;
+}
+
+/// Of a map with one plane, which loses points from one round to the next: with planes of so many
+/// points alone it loses the plane.
+struct ShrinkingPlane {
+  Input input;
+  Options options;
+};
+
+std::optional<ShrinkingPlane> FindShrinkingPlane(const SyntheticMap& map) {
+  for (const auto& plane : map.semantics.planes) {
+    for (const double max_sigma : {1.96, 1.0, 0.5}) {
+      ShrinkingPlane shrinking{MakeInput(map), Options()};
+      shrinking.input.semantics.planes = {plane};
+      MembershipOptions& membership = shrinking.options.planes.membership;
+      membership.max_sigma = max_sigma;
+      Output output;
+      const auto members =
+          MembersBeforeALoss(refine::Run(shrinking.options, shrinking.input, output));
+      if (!members) continue;
+      membership.min_points = *members;
+      return shrinking;
+    }
+  }
+  return std::nullopt;
+}
+
+TEST(Refine, PlanesThatLoseTheirPointsOnTheWayLeaveNothingBehind) {
+  const auto shrinking = FindShrinkingPlane(MakeDeskMap());
+  ASSERT_TRUE(shrinking.has_value());
+  Output lost;
+  const Report report = refine::Run(shrinking->options, shrinking->input, lost);
+  EXPECT_EQ(report.arms.back().name, "plain");
+  EXPECT_EQ(report.membership.members, 0U);
+  EXPECT_NE(report.note.find("plain bundle adjustment"), std::string::npos);
+  EXPECT_TRUE(lost.semantics.planes.empty());
+  Output off;
+  refine::Run(WithMode(PlaneMode::kOff), shrinking->input, off);
+  EXPECT_TRUE(SameBytes(lost.model, off.model));
 }
 
 class RefineScaleTest : public ::testing::TestWithParam<double> {};

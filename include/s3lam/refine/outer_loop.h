@@ -62,8 +62,9 @@ std::vector<OuterIteration> AdjustPlain(OuterLoopSettings& settings, BundleMap& 
 /// the points as they are at the start, without the planes' pull; at the end the points of planes
 /// are flattened (FlattenPoints). With the camera's height, if asked for (`ground` says what was
 /// found); if that is contradicted by the map (CameraHeights), again from the start, without it in
-/// mode auto, with weights that are not raised in mode on. Does nothing if planes are off or none
-/// has enough points near it. Logs and throws as above.
+/// mode auto, with weights that are not raised in mode on. Leaves the map as it is and returns
+/// nothing if planes are off or none has enough points near it, be it only after some rounds. Logs
+/// and throws as above.
 std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
                                          const SemanticMap& semantics, PlaneModel& planes,
                                          BundleMap& map, GroundReport& ground);
