@@ -46,7 +46,7 @@ class OnlyPointsFree {
 }  // namespace
 
 void FlattenPoints(const BundleSolverOptions& solver, const PlaneSigmaOptions& sigma,
-                   const PlaneModel& planes, BundleProblem& problem) {
+                   const PlaneModel& planes, SolveJournal* journal, BundleProblem& problem) {
   const bool has_free_points =
       std::any_of(problem.points_on_planes.begin(), problem.points_on_planes.end(),
                   [&](const auto& term) { return !problem.IsConstantPoint(term.point); });
@@ -56,7 +56,7 @@ void FlattenPoints(const BundleSolverOptions& solver, const PlaneSigmaOptions& s
     const double in_common = planes.planes[term.plane].kappa / sigma.min_kappa;
     term.sigma = sigma.min_kappa * solver.sigma_px * planes.keypoint_size[term.point] / in_common;
   }
-  SolveBundle(solver, problem);
+  SolveBundle(solver, journal, problem);
 }
 
 }  // namespace s3lam

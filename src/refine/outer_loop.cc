@@ -56,9 +56,7 @@ class OuterLoop {
           iteration.exact_points = exact_.num_points;
         }
       }
-      iteration.solve = settings_.journal != nullptr
-                            ? settings_.journal->Solve(settings_.solver, map_.problem)
-                            : SolveBundle(settings_.solver, map_.problem);
+      iteration.solve = SolveBundle(settings_.solver, settings_.journal, map_.problem);
       MendPoints(iteration);
       iteration.observations =
           SelectObservations(settings_.outliers, settings_.solver.sigma_px, false, map_);
@@ -207,7 +205,7 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
   result.doubts_about_heights = loop.DoubtsAboutHeights();
   result.lost_planes = loop.lost_planes();
   if (result.doubts_about_heights.empty() || weights == HeightWeights::kHonest) {
-    FlattenPoints(settings.solver, settings.planes.sigma, planes, map.problem);
+    FlattenPoints(settings.solver, settings.planes.sigma, planes, settings.journal, map.problem);
   }
   return result;
 }

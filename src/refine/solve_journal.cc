@@ -63,4 +63,9 @@ BundleSolverReport SolveJournal::Solve(const BundleSolverOptions& options, Bundl
   return report;
 }
 
+BundleSolverReport SolveBundle(const BundleSolverOptions& options, SolveJournal* journal,
+                               BundleProblem& problem) {
+  return journal != nullptr ? journal->Solve(options, problem) : SolveBundle(options, problem);
+}
+
 }  // namespace s3lam

@@ -36,7 +36,7 @@ class FlattenPointsTest : public ::testing::Test {
               [](const auto& a, const auto& b) {
                 return std::pair(a.point, a.plane) < std::pair(b.point, b.plane);
               });
-    FlattenPoints(solver_, sigma_, planes_, bundle_.problem);
+    FlattenPoints(solver_, sigma_, planes_, nullptr, bundle_.problem);
   }
 
   [[nodiscard]] double PlaneRms() const {

@@ -22,4 +22,8 @@ class SolveJournal {
   int num_solves_ = 0;
 };
 
+/// By the journal, if there is one (may be null).
+BundleSolverReport SolveBundle(const BundleSolverOptions& options, SolveJournal* journal,
+                               BundleProblem& problem);
+
 }  // namespace s3lam
