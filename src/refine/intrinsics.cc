@@ -69,13 +69,15 @@ void ShareCameras(const IntrinsicsOptions& options, const std::set<CameraId>& ch
   for (int& camera : problem.camera_of_pose) camera = replaced_by[camera];
 }
 
-/// Ascending, of those that enough was taken with.
-std::vector<size_t> MostUsedCameras(const IntrinsicsOptions& options,
-                                    const BundleProblem& problem) {
+/// Ascending, of those that enough was taken with and that are not refined.
+std::vector<size_t> MostUsedKeptCameras(const IntrinsicsOptions& options,
+                                        const BundleProblem& problem) {
   const std::vector<CameraUse> use = UseOfCameras(problem, problem.camera_of_pose);
   std::vector<size_t> cameras;
   for (size_t c = 0; c < use.size(); ++c) {
-    if (!TooFew(options, use[c])) cameras.push_back(c);
+    const bool is_refined =
+        c < problem.free_camera_params.size() && !problem.free_camera_params[c].empty();
+    if (!is_refined && !TooFew(options, use[c])) cameras.push_back(c);
   }
   std::stable_sort(cameras.begin(), cameras.end(),
                    [&](size_t a, size_t b) { return use[a].observations > use[b].observations; });
@@ -138,6 +140,19 @@ void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
       options.min_images, options.min_observations);
 }
 
+/// That of these cameras, which are one; a new one if there is none.
+IntrinsicsReport& ReportOf(const std::vector<CameraId>& ids, const Camera& camera,
+                           std::vector<IntrinsicsReport>& reports) {
+  const auto it = std::find_if(reports.begin(), reports.end(),
+                               [&](const auto& report) { return report.cameras == ids; });
+  if (it != reports.end()) return *it;
+  IntrinsicsReport& report = reports.emplace_back();
+  report.cameras = ids;
+  report.model = report.model_after = CameraModelName(camera.model);
+  report.before = report.after = camera.params;
+  return report;
+}
+
 void WarnOfDoubts(const IntrinsicsReport& report) {
   const auto id = report.cameras.front().value();
   if (report.distortion_is_doubtful) {
@@ -168,8 +183,8 @@ void IntrinsicsOptions::Visit(OptionVisitor& v) {
   v.Value("shared", shared,
           "the refined cameras of one model and image size are one, starting as the first of them");
   v.Value("check", check,
-          "where cameras are kept, tell if another calibration would explain much better what they "
-          "saw");
+          "tell if another calibration would explain much better what the kept cameras saw: of the "
+          "five with the most observations");
   v.Value("cameras", cameras, "ids of the cameras that are refined; none: all");
   v.Value("min_images", min_images, "a camera that fewer images were taken with is kept", 1,
           1000000);
@@ -239,27 +254,21 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
   return reports;
 }
 
-std::vector<IntrinsicsReport> CheckCameras(const IntrinsicsOptions& options, double sigma_px,
-                                           const BundleMap& map) {
+void CheckKeptCameras(const IntrinsicsOptions& options, double sigma_px, const BundleMap& map,
+                      std::vector<IntrinsicsReport>& reports) {
   SelfCalibrationOptions check;
   check.min_cost_decrease = kDoubtfulCostShare;
-  std::vector<IntrinsicsReport> reports;
-  for (const size_t c : MostUsedCameras(options, map.problem)) {
+  for (const size_t c : MostUsedKeptCameras(options, map.problem)) {
     const Camera& camera = map.problem.cameras[c];
-    IntrinsicsReport report;
-    report.cameras = map.camera_ids[c];
-    report.model = report.model_after = CameraModelName(camera.model);
-    report.before = report.after = camera.params;
     const SelfCalibrationReport checked =
         CheckCalibration(check, camera, ProblemOfCamera(map.problem, c, sigma_px));
+    IntrinsicsReport& report = ReportOf(map.camera_ids[c], camera, reports);
     report.distortion_cost_share = checked.cost_decrease;
     report.distortion_is_doubtful = checked.accepted;
     report.pinhole_cost_share = checked.pinhole_cost_decrease;
     report.better_pinhole = checked.better_pinhole;
     WarnOfDoubts(report);
-    reports.push_back(std::move(report));
   }
-  return reports;
 }
 
 std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& before,

@@ -185,6 +185,11 @@ void TellParameters(const BundleMap& map, Report& report) {
   }
 }
 
+void CheckCalibrations(const Options& options, const BundleMap& map, Report& report) {
+  if (!options.intrinsics.check) return;
+  CheckKeptCameras(options.intrinsics, options.solver.sigma_px, map, report.cameras);
+}
+
 /// Bundle adjustment without planes, with the camera parameters that may change; again from the
 /// start with those cameras held that end where they cannot be believed, until there are none;
 /// after some rounds of that, with all. From here on cameras stay. Returns the parameters that were
@@ -192,9 +197,7 @@ void TellParameters(const BundleMap& map, Report& report) {
 std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Report& report) {
   if (!options.intrinsics.Any()) {
     report.iterations = AdjustPlain(options, map);
-    if (options.intrinsics.check) {
-      report.cameras = CheckCameras(options.intrinsics, options.solver.sigma_px, map);
-    }
+    CheckCalibrations(options, map, report);
     return {};
   }
   constexpr int kMostRounds = 5;
@@ -212,6 +215,7 @@ std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Re
     held.insert(doubtful.begin(), doubtful.end());
   }
   TellParameters(map, report);
+  CheckCalibrations(options, map, report);
   return std::exchange(map.problem.free_camera_params, {});
 }
 

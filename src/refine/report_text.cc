@@ -154,8 +154,9 @@ std::string Describe(const IntrinsicsReport& camera) {
   if (!camera.better_pinhole.empty()) {
     doubts.push_back(DescribeBetterPinhole(camera.better_pinhole, camera.pinhole_cost_share));
   }
-  if (!doubts.empty()) return fmt::format("kept, but {}", fmt::join(doubts, "; "));
-  return camera.reason.empty() ? "" : "kept, " + camera.reason;
+  const std::string kept = camera.reason.empty() ? "kept" : "kept, " + camera.reason;
+  if (!doubts.empty()) return fmt::format("{}, but {}", kept, fmt::join(doubts, "; "));
+  return camera.reason.empty() ? "" : kept;
 }
 
 /// What alike descriptions have in common: all before the first number.

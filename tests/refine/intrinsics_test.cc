@@ -297,6 +297,28 @@ TEST(RefineIntrinsics, ADistortionThatTheModelLacksIsToldAndRefinedIfWanted) {
             0.5 * AlignedCenterError(kept.model, map.truth));
 }
 
+TEST(RefineIntrinsics, CamerasThatAreKeptBesideRefinedOnesAreCheckedToo) {
+  Input input = WithUnknownDistortion(MakePreciseMap("street"));
+  const CameraId kept = input.model.cameras.begin()->first;
+  Camera refined = input.model.cameras.at(kept);
+  refined.id = CameraId(50);
+  input.model.cameras[refined.id] = refined;
+  for (auto& [id, image] : input.model.images) {
+    if (id.value() % 2 == 0) image.camera_id = refined.id;
+  }
+  Output output;
+  const Report report = refine::Run(MakeOptions({"planes.mode=off", "intrinsics.distortion=true",
+                                                 R"(intrinsics.cameras=["50"])"}),
+                                    input, output);
+  ASSERT_EQ(report.cameras.size(), 2u);
+  EXPECT_FALSE(report.cameras[0].refined);
+  EXPECT_TRUE(report.cameras[0].distortion_is_doubtful);
+  EXPECT_TRUE(report.cameras[1].refined);
+  EXPECT_EQ(report.cameras[1].distortion_cost_share, 0.0);
+  EXPECT_NE(ToTable(report).find("kept, not asked for, but another lens distortion"),
+            std::string::npos);
+}
+
 TEST(RefineIntrinsics, AWrongPrincipalPointIsToldAndRefinedIfWanted) {
   const SyntheticMap map = MakePreciseMap("desk");
   Input input = MakeInput(map);

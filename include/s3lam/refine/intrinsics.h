@@ -33,7 +33,7 @@ struct IntrinsicsReport {
   std::string model;  // As given.
   std::string model_after;
   bool refined = false;
-  std::string reason;  // Why not, if it was asked for.
+  std::string reason;  // Why not; empty where no camera was asked for.
   /// Share of the reprojection cost that a refined lens distortion would remove; 0 if not checked.
   double distortion_cost_share = 0.0;
   bool distortion_is_doubtful = false;  // That share is notable.
@@ -60,11 +60,12 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
                                              const HeldCameras& held, BundleMap& map);
 
 /// How much of the reprojection cost of an adjusted map another calibration would remove, see
-/// CheckCalibration, of the five cameras with the most observations in use, if enough images and
-/// observations see them. What a wrong calibration does to a map (it bends, and its scale drifts)
-/// is not told by its residuals' size.
-std::vector<IntrinsicsReport> CheckCameras(const IntrinsicsOptions& options, double sigma_px,
-                                           const BundleMap& map);
+/// CheckCalibration, of the five cameras with the most observations in use among those that are not
+/// refined, if enough images and observations see them. What a wrong calibration does to a map (it
+/// bends, and its scale drifts) is not told by its residuals' size. Written into the cameras'
+/// `reports`, which are appended where there are none.
+void CheckKeptCameras(const IntrinsicsOptions& options, double sigma_px, const BundleMap& map,
+                      std::vector<IntrinsicsReport>& reports);
 
 /// Why the refined parameters of a camera cannot be believed, so that it is to be held; empty if
 /// they can: the focal length changed by at most max_focal_change, the principal point moved by at

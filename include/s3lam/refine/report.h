@@ -70,7 +70,8 @@ struct RefineReport {
   GroundReport ground;
   FrameRefinementReport frames;
   GravityReport gravity;
-  std::vector<IntrinsicsReport> cameras;  // If any were to be refined.
+  /// All, if any were to be refined; else those whose calibration was checked (CheckKeptCameras).
+  std::vector<IntrinsicsReport> cameras;
   std::vector<ArmReport> arms;
   std::vector<PlaneReport> planes;
   std::vector<PlanePairReport> pairs;
