@@ -7,6 +7,7 @@
 #include <numbers>
 #include <numeric>
 #include <optional>
+#include <tuple>
 
 #include "s3lam/base/statistics.h"
 #include "s3lam/geometry/triangulation.h"
@@ -117,26 +118,39 @@ std::optional<Eigen::Vector3d> BestPlace(const Observer& observer, const Rays& a
   return place;
 }
 
-/// Pairs of points near each other, found through a grid of cubes.
+/// Pairs of points near each other, found through grids of cubes, those of each grid half as large
+/// as those of the one before. A point is in the finest grid whose cubes are at least 2 reach_px of
+/// its pixels wide, however many points are farther away. The coarsest grid is that of the median
+/// pixel: of points much farther away only those within a common cube's reach are compared.
 class NearbyPoints {
  public:
-  NearbyPoints(const std::vector<Eigen::Vector3d>& points, const std::vector<int>& chosen,
-               double cell_size)
-      : points_(points), inverse_size_(1.0 / cell_size) {
-    for (const int i : chosen) cells_[CellOf(points[i])].push_back(i);
+  NearbyPoints(const std::vector<Eigen::Vector3d>& points, const std::vector<double>& pixel_sizes,
+               const std::vector<int>& chosen, double reach_px)
+      : points_(points), level_(points.size(), 0) {
+    std::vector<double> sizes;
+    for (const int i : chosen) sizes.push_back(pixel_sizes[i]);
+    const double median = Median(std::move(sizes));
+    inverse_size_ = 1.0 / (reach_px * 2.0 * median);
+    for (const int i : chosen) {
+      level_[i] = std::clamp(std::ilogb(median / pixel_sizes[i]), 0, kMaxLevel);
+      cells_[CellOf(points[i], level_[i])].push_back(i);
+    }
   }
 
-  /// Calls visit(j) for the points in the cubes around point i, those of larger index only.
+  /// Calls visit(a, b), a before b, for the pairs of point i with the points in the cubes around
+  /// it, in such a way that over all i every pair is visited once.
   template <typename Visitor>
-  void VisitLater(int i, Visitor&& visit) const {
-    const Cell center = CellOf(points_[i]);
-    for (int64_t x = -1; x <= 1; ++x) {
-      for (int64_t y = -1; y <= 1; ++y) {
-        for (int64_t z = -1; z <= 1; ++z) {
-          const auto it = cells_.find({center[0] + x, center[1] + y, center[2] + z});
-          if (it == cells_.end()) continue;
-          for (const int j : it->second) {
-            if (j > i) visit(j);
+  void VisitPairs(int i, Visitor&& visit) const {
+    for (int level = level_[i]; level >= 0; --level) {
+      const Cell center = CellOf(points_[i], level);
+      for (int64_t x = -1; x <= 1; ++x) {
+        for (int64_t y = -1; y <= 1; ++y) {
+          for (int64_t z = -1; z <= 1; ++z) {
+            const auto it = cells_.find({level, center[1] + x, center[2] + y, center[3] + z});
+            if (it == cells_.end()) continue;
+            for (const int j : it->second) {
+              if (level < level_[i] || j > i) visit(std::min(i, j), std::max(i, j));
+            }
           }
         }
       }
@@ -144,19 +158,22 @@ class NearbyPoints {
   }
 
  private:
-  using Cell = std::array<int64_t, 3>;
+  using Cell = std::array<int64_t, 4>;  // Level and place.
+  static constexpr int kMaxLevel = 20;
 
-  [[nodiscard]] Cell CellOf(const Eigen::Vector3d& point) const {
-    Cell cell;
+  [[nodiscard]] Cell CellOf(const Eigen::Vector3d& point, int level) const {
+    const double inverse_size = std::ldexp(inverse_size_, level);
+    Cell cell{level};
     for (int c = 0; c < 3; ++c) {
-      const double index = std::floor(point[c] * inverse_size_);
-      cell[static_cast<size_t>(c)] = static_cast<int64_t>(std::clamp(index, -9e15, 9e15));
+      const double index = std::floor(point[c] * inverse_size);
+      cell[static_cast<size_t>(c) + 1] = static_cast<int64_t>(std::clamp(index, -9e15, 9e15));
     }
     return cell;
   }
 
   const std::vector<Eigen::Vector3d>& points_;
-  double inverse_size_;
+  std::vector<int> level_;
+  double inverse_size_ = 0.0;  // Of the coarsest grid.
   std::map<Cell, std::vector<int>> cells_;
 };
 
@@ -193,6 +210,52 @@ std::optional<Eigen::Vector3d> CommonPlace(const Observer& observer, const Bundl
   return place;
 }
 
+/// Points in use that may move and of which it is known what they look like.
+std::vector<int> MergeablePoints(const std::vector<double>& pixel_size, const BundleMap& map) {
+  std::vector<int> points;
+  for (size_t i = 0; i < pixel_size.size(); ++i) {
+    const int point = static_cast<int>(i);
+    if (!(pixel_size[i] > 0.0) || !map.looks[i].is_known) continue;
+    if (!map.problem.IsConstantPoint(point)) points.push_back(point);
+  }
+  return points;
+}
+
+bool LookAlike(const RetriangulationOptions& options, const PointLook& a, const PointLook& b) {
+  return a.group == b.group &&
+         HammingDistance(a.descriptor, b.descriptor) <= options.max_descriptor_distance;
+}
+
+/// Pairs of points that are the same, nearest first.
+std::vector<Merge> ProposeMerges(const RetriangulationOptions& options, double sigma_px,
+                                 const BundleMap& map) {
+  const std::vector<double> pixel_size = PixelSizes(map.problem);
+  const std::vector<int> chosen = MergeablePoints(pixel_size, map);
+  if (chosen.size() < 2 || !(options.max_merge_px > 0.0)) return {};
+  const NearbyPoints nearby(map.problem.points, pixel_size, chosen, options.max_merge_px);
+  const Observer observer(map);
+  const auto ranges = RangesOfPoints(map);
+  std::vector<Merge> merges;
+  const auto propose = [&](int a, int b) {
+    const double distance_px = (map.problem.points[a] - map.problem.points[b]).norm() /
+                               std::max(pixel_size[a], pixel_size[b]);
+    if (distance_px > options.max_merge_px || !LookAlike(options, map.looks[a], map.looks[b])) {
+      return;
+    }
+    const auto place = CommonPlace(observer, map, ranges[a], ranges[b], kChi95TwoDof * sigma_px);
+    if (!place) return;
+    const bool a_is_longer =
+        ranges[a].second - ranges[a].first >= ranges[b].second - ranges[b].first;
+    merges.push_back({distance_px, a_is_longer ? a : b, a_is_longer ? b : a, *place});
+  };
+  for (const int i : chosen) nearby.VisitPairs(i, propose);
+  std::sort(merges.begin(), merges.end(), [](const Merge& a, const Merge& b) {
+    return std::tuple(a.distance_px, std::minmax(a.kept, a.gone)) <
+           std::tuple(b.distance_px, std::minmax(b.kept, b.gone));
+  });
+  return merges;
+}
+
 /// Gives the observations of points that are gone to those that are kept, and groups them again.
 void MoveObservations(const std::vector<int>& merged_into, BundleMap& map) {
   for (BundleObservation& o : map.observations) o.point = merged_into[o.point];
@@ -215,6 +278,24 @@ void MoveObservations(const std::vector<int>& merged_into, BundleMap& map) {
   for (size_t k = 0; k < map.observations.size(); ++k) {
     if (map.is_used[k] != 0) map.problem.observations.push_back(map.observations[k]);
   }
+}
+
+/// Each point takes part in the first of its merges. Returns how many there are.
+size_t ApplyMerges(const std::vector<Merge>& merges, BundleMap& map) {
+  std::vector<int> merged_into(map.point_ids.size());
+  std::iota(merged_into.begin(), merged_into.end(), 0);
+  std::vector<uint8_t> taken(map.point_ids.size(), 0);
+  size_t count = 0;
+  for (const Merge& merge : merges) {
+    if (taken[merge.kept] != 0 || taken[merge.gone] != 0) continue;
+    taken[merge.kept] = taken[merge.gone] = 1;
+    merged_into[merge.gone] = merge.kept;
+    map.merged_into[map.point_ids[merge.gone]] = map.point_ids[merge.kept];
+    map.problem.points[merge.kept] = merge.place;
+    ++count;
+  }
+  if (count > 0) MoveObservations(merged_into, map);
+  return count;
 }
 
 }  // namespace
@@ -283,56 +364,7 @@ void AddLooks(const PointDescriptors& descriptors, const SemanticMap& semantics,
 
 size_t MergePoints(const RetriangulationOptions& options, double sigma_px, BundleMap& map) {
   if (!options.enabled || !options.merge || map.looks.empty()) return 0;
-  const std::vector<double> pixel_size = PixelSizes(map.problem);
-  std::vector<int> chosen;
-  std::vector<double> sizes;
-  for (size_t i = 0; i < pixel_size.size(); ++i) {
-    const int point = static_cast<int>(i);
-    if (!(pixel_size[i] > 0.0) || !map.looks[i].is_known) continue;
-    if (map.problem.IsConstantPoint(point)) continue;
-    chosen.push_back(point);
-    sizes.push_back(pixel_size[i]);
-  }
-  if (chosen.size() < 2 || !(options.max_merge_px > 0.0)) return 0;
-  // Of points much farther away than most, only those within a common cube's reach are compared.
-  const NearbyPoints nearby(map.problem.points, chosen,
-                            options.max_merge_px * 2.0 * Median(std::move(sizes)));
-  const Observer observer(map);
-  const auto ranges = RangesOfPoints(map);
-  std::vector<Merge> merges;
-  for (const int i : chosen) {
-    nearby.VisitLater(i, [&](int j) {
-      const double distance_px = (map.problem.points[i] - map.problem.points[j]).norm() /
-                                 std::max(pixel_size[i], pixel_size[j]);
-      const PointLook& a = map.looks[i];
-      const PointLook& b = map.looks[j];
-      if (distance_px > options.max_merge_px || a.group != b.group ||
-          HammingDistance(a.descriptor, b.descriptor) > options.max_descriptor_distance) {
-        return;
-      }
-      const auto place = CommonPlace(observer, map, ranges[i], ranges[j], kChi95TwoDof * sigma_px);
-      if (!place) return;
-      const bool i_is_longer =
-          ranges[i].second - ranges[i].first >= ranges[j].second - ranges[j].first;
-      merges.push_back({distance_px, i_is_longer ? i : j, i_is_longer ? j : i, *place});
-    });
-  }
-  std::stable_sort(merges.begin(), merges.end(),
-                   [](const Merge& a, const Merge& b) { return a.distance_px < b.distance_px; });
-  std::vector<int> merged_into(map.point_ids.size());
-  std::iota(merged_into.begin(), merged_into.end(), 0);
-  std::vector<uint8_t> taken(map.point_ids.size(), 0);
-  size_t count = 0;
-  for (const Merge& merge : merges) {
-    if (taken[merge.kept] != 0 || taken[merge.gone] != 0) continue;
-    taken[merge.kept] = taken[merge.gone] = 1;
-    merged_into[merge.gone] = merge.kept;
-    map.merged_into[map.point_ids[merge.gone]] = map.point_ids[merge.kept];
-    map.problem.points[merge.kept] = merge.place;
-    ++count;
-  }
-  if (count > 0) MoveObservations(merged_into, map);
-  return count;
+  return ApplyMerges(ProposeMerges(options, sigma_px, map), map);
 }
 
 }  // namespace s3lam

@@ -4,6 +4,7 @@
 
 #include "refine/refine_fixture.h"
 #include "s3lam/base/rng.h"
+#include "s3lam/base/statistics.h"
 
 namespace s3lam::refine {
 namespace {
@@ -97,6 +98,40 @@ TEST(MergePoints, APointInTwoPartsBecomesOne) {
             split.model.points.at(split.first).track.size() +
                 split.model.points.at(split.second).track.size());
   EXPECT_EQ(MergePoints({}, 1.0, map), 0u);
+}
+
+/// Adds points that two images see very far away, more than there are near ones.
+void AddFarPoints(SplitPoint& split) {
+  constexpr double kFar = 300.0;  // m
+  Rng rng(6);
+  for (uint64_t n = 0; n < 1200; ++n) {
+    auto first = std::next(split.model.images.begin(), static_cast<int>(n % 15));
+    const Rigid3 world_from_camera = first->second.cam_from_world.Inverse();
+    const PointId id(10'000 + n);
+    ScenePoint point;
+    point.xyz = world_from_camera *
+                Eigen::Vector3d(rng.Uniform(-0.2, 0.2) * kFar, rng.Uniform(-0.2, 0.2) * kFar, kFar);
+    for (const auto& it : {first, std::next(first)}) {
+      Image& image = it->second;
+      const auto xy = split.model.CameraOf(image).ImageFromCamera(image.cam_from_world * point.xyz);
+      if (!xy) continue;
+      point.track.push_back({image.id, static_cast<uint32_t>(image.points2D.size())});
+      image.points2D.push_back({*xy, id});
+    }
+    split.model.points[id] = point;
+    for (uint8_t& byte : split.descriptors[id]) byte = static_cast<uint8_t>(rng.Below(256));
+  }
+}
+
+TEST(MergePoints, NearPointsAreFoundAmongMoreFarOnes) {
+  SplitPoint split = MakeSplitPoint();
+  AddFarPoints(split);
+  BundleMap map = BuildBundleMap(split.model);
+  SelectObservations({}, 1.0, false, map);
+  AddLooks(split.descriptors, {}, map);
+  ASSERT_GT(Median(PixelSizes(map.problem)), 0.1);
+  EXPECT_EQ(MergePoints({}, 1.0, map), 1u);
+  EXPECT_EQ(map.merged_into.at(split.second), split.first);
 }
 
 TEST(MergePoints, WhatLooksDifferentOrIsOfAnotherObjectStaysApart) {
