@@ -208,8 +208,9 @@ class GroundBuilder {
     const double reach = kReachHeights * height_;
     size_t nearest = seen_by.first;
     double smallest = std::numeric_limits<double>::max();
-    for (size_t i = 0; i < path_.poses.size(); ++i) {
-      if (path_.at[i] < path_.at[seen_by.first] - reach) continue;
+    const auto begin =
+        std::lower_bound(path_.at.begin(), path_.at.end(), path_.at[seen_by.first] - reach);
+    for (auto i = static_cast<size_t>(begin - path_.at.begin()); i < path_.poses.size(); ++i) {
       if (path_.at[i] > path_.at[seen_by.second] + reach) break;
       const double distance = (path_.centers[i] - map_.problem.points[point]).squaredNorm();
       if (distance < smallest) {
