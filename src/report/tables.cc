@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
 
 namespace s3lam::report {
 namespace {
@@ -12,10 +13,9 @@ using nlohmann::json;
 constexpr const char* kNothing = "-";
 
 /// A list in a report; an empty one where there is none.
-json ListIn(const json* report, const char* key) {
-  if (report == nullptr || !report->contains(key) || !(*report)[key].is_array()) {
-    return json::array();
-  }
+const json& ListIn(const json* report, const char* key) {
+  static const json kNone = json::array();
+  if (report == nullptr || !report->contains(key) || !(*report)[key].is_array()) return kNone;
   return (*report)[key];
 }
 
@@ -51,12 +51,14 @@ std::string NameOfPlane(const RunFolder& run, const std::map<PlaneId, PlanarSurf
   return fmt::format("{} ({})", id.value(), ClassName(run, plane->second));
 }
 
-/// The entry of one plane in the report of the planar adjustment; null without one.
-json RefinedPlane(const RunFolder& run, PlaneId id) {
+/// The entries of planes in the report of the planar adjustment.
+std::map<PlaneId, const json*> RefinedPlanes(const RunFolder& run) {
+  std::map<PlaneId, const json*> planes;
   for (const json& plane : ListIn(FindReport(run, "3_refine"), "planes")) {
-    if (plane.is_object() && plane.value("id", json()) == json(id.value())) return plane;
+    if (!plane.is_object() || !plane.contains("id") || !plane["id"].is_number_unsigned()) continue;
+    planes.emplace(PlaneId(plane["id"].get<uint32_t>()), &plane);
   }
-  return {};
+  return planes;
 }
 
 }  // namespace
@@ -109,6 +111,7 @@ Table PlaneTable(const RunFolder& run, const Measures& measures) {
   }
   table.header.insert(table.header.end(), {"turned [deg]", "kappa"});
   if (!run.semantics) return table;
+  const std::map<PlaneId, const json*> refined_planes = RefinedPlanes(run);
   for (const auto& [id, plane] : AllPlanes(run)) {
     std::vector<std::string> row = {fmt::format("{}", id.value()), ClassName(run, plane),
                                     fmt::format("{}", plane.cluster_id.value()),
@@ -121,7 +124,8 @@ Table PlaneTable(const RunFolder& run, const Measures& measures) {
                         : fmt::format("{:.4g}", measures.frame.view_from_arm[k].scale *
                                                     Median(measured->distances[k])));
     }
-    const json refined = RefinedPlane(run, id);
+    const auto entry = refined_planes.find(id);
+    const json refined = entry == refined_planes.end() ? json() : *entry->second;
     row.push_back(NumberIn(refined, "turned_deg"));
     row.push_back(NumberIn(refined, "kappa"));
     table.rows.push_back(std::move(row));
@@ -136,7 +140,7 @@ Table RelationTable(const RunFolder& run) {
   table.num_text_columns = 4;
   const std::map<PlaneId, PlanarSurface> planes = AllPlanes(run);
   const json* report = FindReport(run, "3_refine");
-  const json arms = ListIn(report, "arms");
+  const json& arms = ListIn(report, "arms");
   for (const json& arm : arms) {
     table.header.push_back(fmt::format("off, {} [deg]", TextIn(arm, "name")));
   }
@@ -145,7 +149,7 @@ Table RelationTable(const RunFolder& run) {
     std::vector<std::string> row = {NameOfPlane(run, planes, pair, "a"),
                                     NameOfPlane(run, planes, pair, "b"), TextIn(pair, "relation"),
                                     enforced ? "yes" : "no"};
-    const json deviations = pair.is_object() ? ListIn(&pair, "deviation_deg") : json::array();
+    const json& deviations = ListIn(pair.is_object() ? &pair : nullptr, "deviation_deg");
     for (size_t k = 0; k < arms.size(); ++k) {
       const bool known = k < deviations.size() && deviations[k].is_number();
       row.push_back(known ? fmt::format("{:.3f}", deviations[k].get<double>()) : kNothing);
