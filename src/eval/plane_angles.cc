@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "plane_json.h"
 #include "s3lam/base/error.h"
 #include "s3lam/eval/trajectory_error.h"
 #include "s3lam/geometry/plane.h"
@@ -15,23 +16,18 @@ namespace s3lam {
 namespace {
 
 constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
-/// How far rounding in a file may take a normal from unit length.
-constexpr double kNormTolerance = 1e-3;
 
 LabelledNormal ParsePlane(const nlohmann::json& json, const std::string& where) {
   LabelledNormal plane;
   try {
     plane.id = PlaneId(json.at("id").get<uint32_t>());
     plane.label = json.at("class").get<std::string>();
-    const nlohmann::json& normal = json.at("normal_in_world");
-    for (int i = 0; i < 3; ++i) plane.normal[i] = normal.at(static_cast<size_t>(i)).get<double>();
+    plane.normal = PlaneFromJson(json.at("normal_in_world"), 0.0).normal;
   } catch (const nlohmann::json::exception& error) {
     ThrowInputError("{}: {}", where, error.what());
+  } catch (const InputError& error) {
+    ThrowInputError("{}: {}", where, error.what());
   }
-  if (!(std::abs(plane.normal.norm() - 1.0) < kNormTolerance)) {
-    ThrowInputError("{}: normal_in_world is not a unit vector", where);
-  }
-  plane.normal.normalize();
   return plane;
 }
 

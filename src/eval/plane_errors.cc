@@ -8,6 +8,7 @@
 #include <numbers>
 #include <tuple>
 
+#include "plane_json.h"
 #include "s3lam/base/error.h"
 
 namespace s3lam {
@@ -16,27 +17,10 @@ namespace {
 using nlohmann::json;
 
 constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
-/// How far rounding in a file may take a normal from unit length.
-constexpr double kNormTolerance = 1e-3;
 /// Known planes this close to parallel (orthogonal) are counted as such.
 constexpr double kRelationDeg = 1.0;
 
 double AngleDeg(const Plane& a, const Plane& b) { return kDegreesPerRadian * PlaneAngle(a, b); }
-
-Eigen::Vector3d ParseVector(const json& list) {
-  Eigen::Vector3d vector;
-  for (int i = 0; i < 3; ++i) vector[i] = list.at(static_cast<size_t>(i)).get<double>();
-  return vector;
-}
-
-Plane ParsePlane(const json& normal, const json& offset) {
-  Plane plane{ParseVector(normal), offset.get<double>()};
-  const double norm = plane.normal.norm();
-  if (!(std::abs(norm - 1.0) < kNormTolerance)) throw InputError("the normal is no unit vector");
-  plane.normal /= norm;
-  plane.offset /= norm;
-  return plane;
-}
 
 const json& List(const json& object, const char* key, const std::string& source) {
   if (!object.is_object() || !object.contains(key) || !object[key].is_array()) {
@@ -57,11 +41,11 @@ KnownPlane ParseKnown(const json& object, const std::string& frame,
     known.label = name->second;
   }
   const json& plane = object.at("plane_" + frame);
-  known.plane_in_truth = ParsePlane(plane.at("n"), plane.at("d"));
+  known.plane_in_truth = PlaneFromJson(plane.at("n"), plane.at("d").get<double>());
   known.centroid_in_truth =
-      known.plane_in_truth.Project(ParseVector(object.at("centroid_" + frame)));
+      known.plane_in_truth.Project(VectorFromJson(object.at("centroid_" + frame)));
   for (const json& corner : object.at("polygon_" + frame)) {
-    const double distance = (ParseVector(corner) - known.centroid_in_truth).norm();
+    const double distance = (VectorFromJson(corner) - known.centroid_in_truth).norm();
     known.radius = std::max(known.radius, distance);
   }
   return known;
@@ -71,8 +55,8 @@ FittedPlane ParseFitted(const json& object) {
   FittedPlane fitted;
   fitted.id = PlaneId(object.at("id").get<uint32_t>());
   fitted.label = object.at("class").get<std::string>();
-  fitted.plane = ParsePlane(object.at("normal_in_world"), object.at("offset"));
-  fitted.centroid = ParseVector(object.at("centroid_in_world"));
+  fitted.plane = PlaneFromJson(object.at("normal_in_world"), object.at("offset").get<double>());
+  fitted.centroid = VectorFromJson(object.at("centroid_in_world"));
   // semantics.json lists the points of a plane, planes.json counts them.
   fitted.num_points =
       object.contains("inliers") ? object["inliers"].size() : object.at("points").get<size_t>();
