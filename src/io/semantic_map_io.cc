@@ -16,6 +16,7 @@ using nlohmann::json;
 
 constexpr const char* kFormat = "s3lam-semantics";
 constexpr int kVersion = 1;
+constexpr int kPlanesVersion = 1;  // Of planes.json.
 constexpr const char* kMapFile = "semantics.json";
 constexpr const char* kDistributionFile = "distributions.npy";
 
@@ -136,15 +137,14 @@ Cluster ParseCluster(const json& object, const ClassTable& table, const std::str
   return cluster;
 }
 
-PlanarSurface ParsePlane(const json& object, const ClassTable& table, const std::string& where) {
-  const JsonFields fields(object, where);
+/// What semantics.json and planes.json tell of a plane alike: all but class and covariance.
+PlanarSurface ParseSurface(const JsonFields& fields) {
   PlanarSurface plane;
   plane.id = PlaneId(fields.Int<uint32_t>("id"));
   plane.cluster_id = ClusterId(fields.Int<uint32_t>("cluster_id"));
-  plane.class_index = ParseClassIndex(fields, table);
   plane.plane_in_world.normal = fields.Vector<3>("normal_in_world");
   if (std::abs(plane.plane_in_world.normal.norm() - 1.0) > 1e-6) {
-    ThrowInputError("{}: 'normal_in_world' is not a unit vector", where);
+    ThrowInputError("{}: 'normal_in_world' is not a unit vector", fields.where());
   }
   plane.plane_in_world.offset = fields.Number("offset");
   plane.centroid_in_world = fields.Vector<3>("centroid_in_world");
@@ -155,13 +155,20 @@ PlanarSurface ParsePlane(const json& object, const ClassTable& table, const std:
   }
   plane.rms = fields.Number("rms");
   plane.rms_sigma = fields.Number("rms_sigma");
+  plane.inliers = ParsePoints(fields, "inliers");
+  return plane;
+}
+
+PlanarSurface ParsePlane(const json& object, const ClassTable& table, const std::string& where) {
+  const JsonFields fields(object, where);
+  PlanarSurface plane = ParseSurface(fields);
+  plane.class_index = ParseClassIndex(fields, table);
   const json& covariance = fields.List("covariance");
   if (covariance.size() != 3) ThrowInputError("{}: 'covariance' needs three rows", where);
   for (int i = 0; i < 3; ++i) {
     plane.covariance.row(i) =
         fields.AsVector<3>(covariance[static_cast<size_t>(i)], "covariance").transpose();
   }
-  plane.inliers = ParsePoints(fields, "inliers");
   return plane;
 }
 
@@ -241,6 +248,29 @@ SemanticMap ReadSemanticMap(const std::filesystem::path& directory) {
                     map.distributions.cols(), rows, map.class_table.size());
   }
   return map;
+}
+
+std::vector<PlanarSurface> ReadRefinedPlanes(const std::filesystem::path& path,
+                                             const SemanticMap& semantics) {
+  const json document = ReadJson(path);
+  const JsonFields fields(document, path.string());
+  if (fields.Has("version") && fields.At("version") != kPlanesVersion) {
+    ThrowInputError("{}: version {} is not known here (only {}); write it anew with s3-refine",
+                    path.string(), fields.At("version").dump(), kPlanesVersion);
+  }
+  std::vector<PlanarSurface> planes;
+  for (const json& entry : fields.List("planes")) {
+    const JsonFields of_plane(entry, fmt::format("{}: planes[{}]", path.string(), planes.size()));
+    PlanarSurface plane = ParseSurface(of_plane);
+    const auto cluster = semantics.clusters.find(plane.cluster_id);
+    if (cluster == semantics.clusters.end()) {
+      ThrowInputError("{}: the semantic map has no cluster {}", of_plane.where(),
+                      plane.cluster_id.value());
+    }
+    plane.class_index = cluster->second.class_index;
+    planes.push_back(std::move(plane));
+  }
+  return planes;
 }
 
 void WritePlanesPly(const SemanticMap& map, const std::filesystem::path& path) {

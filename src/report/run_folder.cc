@@ -1,7 +1,5 @@
 #include "s3lam/report/run_folder.h"
 
-#include <sstream>
-
 #include "s3lam/base/error.h"
 #include "s3lam/io/colmap_model.h"
 #include "s3lam/io/file.h"
@@ -104,51 +102,7 @@ void ReadSemantics(const fs::path& directory, RunFolder& run) {
   run.semantics = std::move(semantics);
 }
 
-template <int Rows>
-Eigen::Matrix<double, Rows, 1> ParseVector(const nlohmann::json& list) {
-  const auto values = list.get<std::array<double, static_cast<size_t>(Rows)>>();
-  return Eigen::Map<const Eigen::Matrix<double, Rows, 1>>(values.data());
-}
-
-PlanarSurface ParsePlane(const nlohmann::json& entry, const SemanticMap& semantics) {
-  PlanarSurface plane;
-  plane.id = PlaneId(entry.at("id").get<uint32_t>());
-  plane.cluster_id = ClusterId(entry.at("cluster_id").get<uint32_t>());
-  plane.plane_in_world.normal = ParseVector<3>(entry.at("normal_in_world"));
-  plane.plane_in_world.offset = entry.at("offset").get<double>();
-  plane.centroid_in_world = ParseVector<3>(entry.at("centroid_in_world"));
-  plane.axis_u_in_world = ParseVector<3>(entry.at("axis_u_in_world"));
-  plane.axis_v_in_world = ParseVector<3>(entry.at("axis_v_in_world"));
-  for (const auto& corner : entry.at("extent_uv")) plane.extent.push_back(ParseVector<2>(corner));
-  plane.rms = entry.at("rms").get<double>();
-  plane.rms_sigma = entry.at("rms_sigma").get<double>();
-  const auto cluster = semantics.clusters.find(plane.cluster_id);
-  if (cluster == semantics.clusters.end()) {
-    throw std::out_of_range(fmt::format("2_lift has no cluster {}", plane.cluster_id.value()));
-  }
-  plane.class_index = cluster->second.class_index;
-  for (const auto& point : entry.at("inliers")) plane.inliers.emplace_back(point.get<uint64_t>());
-  return plane;
-}
-
 }  // namespace
-
-std::vector<PlanarSurface> ReadRefinedPlanes(const fs::path& path, const SemanticMap& semantics) {
-  constexpr int kVersion = 1;
-  const nlohmann::json document = ReadJson(path);
-  const auto version = document.is_object() ? document.find("version") : document.end();
-  if (version != document.end() && *version != kVersion) {
-    ThrowInputError("{}: version {} is not known here (only {}); write it anew with s3-refine",
-                    path.string(), version->dump(), kVersion);
-  }
-  std::vector<PlanarSurface> planes;
-  try {
-    for (const auto& entry : document.at("planes")) planes.push_back(ParsePlane(entry, semantics));
-  } catch (const std::exception& error) {
-    ThrowInputError("{}: planes[{}]: {}", path.string(), planes.size(), error.what());
-  }
-  return planes;
-}
 
 std::map<PlaneId, PlanarSurface> AllPlanes(const RunFolder& run) {
   std::map<PlaneId, PlanarSurface> planes;

@@ -235,10 +235,10 @@ TEST(RunFolder, DamagedPlanesAreNamed) {
   const RunOnDisk run;
   const fs::path path = run.path() / "3_refine" / "planes.json";
   nlohmann::json planes = ReadJson(path);
-  const auto expect_refused = [&](const nlohmann::json& json) {
+  const auto expect_refused = [&](const nlohmann::json& json,
+                                  const char* reason = "planes.json: planes[") {
     WriteJson(path, json);
-    EXPECT_THAT([&] { ReadRunFolder(run.path()); },
-                ThrowsMessage<InputError>(HasSubstr("planes.json: planes[")));
+    EXPECT_THAT([&] { ReadRunFolder(run.path()); }, ThrowsMessage<InputError>(HasSubstr(reason)));
   };
   nlohmann::json spoiled = planes;
   spoiled["planes"][0].erase("offset");
@@ -246,10 +246,12 @@ TEST(RunFolder, DamagedPlanesAreNamed) {
   spoiled = planes;
   spoiled["planes"][0]["normal_in_world"] = {1.0, 2.0};
   expect_refused(spoiled);
+  spoiled["planes"][0]["normal_in_world"] = {1.0, 1.0, 0.0};
+  expect_refused(spoiled, "not a unit vector");
   spoiled = planes;
   spoiled["planes"][0]["cluster_id"] = 4000;
   expect_refused(spoiled);
-  expect_refused(nlohmann::json::object());
+  expect_refused(nlohmann::json::object(), "planes.json: 'planes' is missing");
 }
 
 TEST(RunFolder, SemanticsOfAnotherModelAreRefused) {

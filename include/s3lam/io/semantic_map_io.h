@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "s3lam/scene/semantic_map.h"
 
@@ -16,6 +17,11 @@ void WriteSemanticMap(const SemanticMap& map, const std::filesystem::path& direc
 /// Throws InputError naming the file and the reason; checks references within the map, but not
 /// against a model (CheckSemanticMap does).
 SemanticMap ReadSemanticMap(const std::filesystem::path& directory);
+
+/// planes.json of s3-refine. Refinement may divide planes, so that there are some the semantic map
+/// does not know; their clusters it has to know. Throws InputError naming the file and the entry.
+std::vector<PlanarSurface> ReadRefinedPlanes(const std::filesystem::path& path,
+                                             const SemanticMap& semantics);
 
 /// planes.ply: each plane's extent as a coloured polygon with its normal.
 void WritePlanesPly(const SemanticMap& map, const std::filesystem::path& path);

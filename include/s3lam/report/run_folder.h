@@ -45,11 +45,6 @@ struct RunFolder {
 /// belong together.
 RunFolder ReadRunFolder(const std::filesystem::path& directory);
 
-/// planes.json. Refinement may divide planes, so that there are some the semantic map does not
-/// know; their clusters it has to know.
-std::vector<PlanarSurface> ReadRefinedPlanes(const std::filesystem::path& path,
-                                             const SemanticMap& semantics);
-
 /// The planes of the semantic map, and those that only an arm has.
 std::map<PlaneId, PlanarSurface> AllPlanes(const RunFolder& run);
 
