@@ -245,48 +245,35 @@ void WarnOfUnused(const std::vector<PlaneDistance>& distances) {
   }
 }
 
-Report RunInWorld(const Options& given_options, const Input& given, Output& output) {
-  const auto place = FarPlaceOf(given.model);
-  const Input shifted = place ? BroughtToOrigin(*place, given) : Input{};
-  const Input& input = place ? shifted : given;
-  Report report;
-  Options options = given_options;
-  SolveJournal journal(input.steps);
-  options.journal = &journal;
-  BundleMap map;
-  PlaneModel planes;
-  {
-    const ScopedStep step(report.seconds, "build");
-    map = BuildBundleMap(input.model, input.keypoint_sigmas);
-    SelectObservations(options.outliers, options.solver.sigma_px, true, map);
-    AddLooks(input.descriptors, input.semantics, map);
-    ApplyConstraints(input.constraints, map);
-    map.problem.gauge = ChooseGaugeWithConstraints(map.problem);
-    CheckUsable(map);
-    planes = BuildPlaneModel(options.planes.membership, input.semantics, map);
-  }
-  std::vector<ArmState> arms{Snapshot("input", map)};
-  std::vector<std::vector<int>> refined_camera_params;
-  {
-    const ScopedStep step(report.seconds, "plain");
-    refined_camera_params = AdjustCameras(options, map, report);
-    arms.push_back(Snapshot("plain", map));
-  }
-  const double sigma_px = options.solver.sigma_px;
-  report.keypoint_sigma_px = sigma_px;
+/// What is adjusted: the map's observations that fit it roughly, what is held of it, its planes.
+PlaneModel BuildProblem(const Options& options, const Input& input, BundleMap& map) {
+  map = BuildBundleMap(input.model, input.keypoint_sigmas);
+  SelectObservations(options.outliers, options.solver.sigma_px, true, map);
+  AddLooks(input.descriptors, input.semantics, map);
+  ApplyConstraints(input.constraints, map);
+  map.problem.gauge = ChooseGaugeWithConstraints(map.problem);
+  CheckUsable(map);
+  return BuildPlaneModel(options.planes.membership, input.semantics, map);
+}
+
+/// Bundle adjustment with planes. Returns whether any took part.
+bool AdjustPlanes(const Options& options, const Input& input, PlaneModel& planes, BundleMap& map,
+                  Report& report) {
+  const auto& distances = input.constraints.plane_distances;
+  CutBendingPlanes(options.bending, input.semantics.class_table, options.solver.sigma_px, planes,
+                   map.problem);
+  AddKnownDistances(options.relations, distances, input.semantics, planes, map.problem);
+  const auto planar = AdjustPlanar(options, input.semantics, planes, map, report.ground);
+  report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
+  WarnOfUnused(planar.empty() ? distances : UnusedDistances(distances, planes, map.problem));
+  return !planar.empty();
+}
+
+/// What the adjustment came to.
+void TellResult(const Options& options, const Input& input, const std::vector<ArmState>& arms,
+                const BundleMap& map, const PlaneModel& planes, Report& report) {
+  report.keypoint_sigma_px = options.solver.sigma_px;
   report.keypoints_differ = !input.keypoint_sigmas.empty();
-  {
-    const ScopedStep step(report.seconds, "planar");
-    CutBendingPlanes(options.bending, input.semantics.class_table, sigma_px, planes, map.problem);
-    AddKnownDistances(options.relations, input.constraints.plane_distances, input.semantics, planes,
-                      map.problem);
-    const auto planar = AdjustPlanar(options, input.semantics, planes, map, report.ground);
-    report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
-    if (!planar.empty()) arms.push_back(Snapshot("planar", map));
-    const auto& distances = input.constraints.plane_distances;
-    WarnOfUnused(planar.empty() ? distances : UnusedDistances(distances, planes, map.problem));
-  }
-  const ScopedStep step(report.seconds, "output");
   report.gauge_scale_change = ScaleChange(map.problem, arms.front().poses);
   report.observations = report.iterations.back().observations;
   report.membership = report.iterations.back().membership;
@@ -299,12 +286,41 @@ Report RunInWorld(const Options& given_options, const Input& given, Output& outp
   report.note = NoteOnPlanes(options, planes, report.membership.members);
   report.plane_mode = PlaneModeName(options.planes.mode);
   CountUse(map, report);
-  CompareArms(arms, map, planes, options.planes.sigma, sigma_px, input.semantics.class_table,
-              report);
+  CompareArms(arms, map, planes, options.planes.sigma, options.solver.sigma_px,
+              input.semantics.class_table, report);
+}
+
+Report RunInWorld(const Options& given_options, const Input& given, Output& output) {
+  const auto place = FarPlaceOf(given.model);
+  const Input shifted = place ? BroughtToOrigin(*place, given) : Input{};
+  const Input& input = place ? shifted : given;
+  Report report;
+  Options options = given_options;
+  SolveJournal journal(input.steps);
+  options.journal = &journal;
+  BundleMap map;
+  PlaneModel planes;
+  {
+    const ScopedStep step(report.seconds, "build");
+    planes = BuildProblem(options, input, map);
+  }
+  std::vector<ArmState> arms{Snapshot("input", map)};
+  std::vector<std::vector<int>> refined_camera_params;
+  {
+    const ScopedStep step(report.seconds, "plain");
+    refined_camera_params = AdjustCameras(options, map, report);
+    arms.push_back(Snapshot("plain", map));
+  }
+  {
+    const ScopedStep step(report.seconds, "planar");
+    if (AdjustPlanes(options, input, planes, map, report)) arms.push_back(Snapshot("planar", map));
+  }
+  const ScopedStep step(report.seconds, "output");
+  TellResult(options, input, arms, map, planes, report);
   CarryUnusedImages(input.model, !input.image_times_s.empty(), map);
   output.model = ToReconstruction(map, input.model);
-  output.semantics =
-      RefinedSemantics(input.semantics, planes, map, output.model, options.planes.sigma, sigma_px);
+  output.semantics = RefinedSemantics(input.semantics, planes, map, output.model,
+                                      options.planes.sigma, options.solver.sigma_px);
   MoveTrajectories(options, input, map, output, report);
   const SemanticMap semantics = output.semantics;
   if (place) ReturnToPlace(*place, given, output);
