@@ -86,6 +86,57 @@ void AddNearbyPoints(const SemanticMap& semantics, const BundleMap& map,
   }
 }
 
+/// Where a candidate of a plane belongs.
+struct Verdict {
+  bool is_near = false;      // A member, if it is not expelled.
+  bool is_outlier = false;   // Looked at, and not near.
+  bool is_expelled = false;  // A candidate no more.
+};
+
+Verdict Judge(const MembershipOptions& options, const PlaneSigmaOptions& sigma_options,
+              const BundleSolverOptions& solver, const PlaneModel& model,
+              const BundleProblem& problem, int plane, int point, bool was_member) {
+  if (!(model.keypoint_size[point] > 0.0)) return {};
+  const PlaneState& state = model.planes[plane];
+  Verdict verdict;
+  // The heights of cameras pull at the ground; points that could then leave it would undo that.
+  if (state.is_ground && !state.members.empty()) {
+    verdict.is_near = was_member;
+    return verdict;
+  }
+  const double sigma = PlaneSigma(sigma_options, model, solver.sigma_px, state, point);
+  const double variance = NormalVariance(model, problem, plane, point);
+  double distance = Distance(problem, plane, point);
+  if (was_member && !problem.IsConstantPoint(point)) {
+    distance = FreeDistance(distance, variance, sigma, solver.huber_plane);
+  }
+  const double innovation = Innovation(distance, variance, sigma);
+  verdict.is_near = innovation <= options.max_sigma &&
+                    std::sqrt(variance + sigma * sigma) <= state.max_uncertainty;
+  verdict.is_outlier = !verdict.is_near;
+  verdict.is_expelled = innovation > options.leave_sigma;
+  return verdict;
+}
+
+/// One term per member of each plane.
+void WriteTerms(const PlaneSigmaOptions& options, double sigma_px, const PlaneModel& model,
+                BundleProblem& problem) {
+  problem.points_on_planes.clear();
+  for (size_t k = 0; k < model.planes.size(); ++k) {
+    const PlaneState& state = model.planes[k];
+    if (!state.in_use) continue;
+    const double strength = state.is_ground ? model.ground_strength : 1.0;
+    for (const int i : state.members) {
+      problem.points_on_planes.push_back(
+          {i, static_cast<int>(k), PlaneSigma(options, model, sigma_px, state, i) / strength});
+    }
+  }
+  std::sort(problem.points_on_planes.begin(), problem.points_on_planes.end(),
+            [](const PointOnPlane& a, const PointOnPlane& b) {
+              return std::pair(a.point, a.plane) < std::pair(b.point, b.plane);
+            });
+}
+
 }  // namespace
 
 void PlaneSigmaOptions::Visit(OptionVisitor& v) {
@@ -224,54 +275,29 @@ MembershipCounts AssignPoints(const MembershipOptions& options, const PlaneSigma
                               const BundleSolverOptions& solver, PlaneModel& model,
                               BundleProblem& problem) {
   MembershipCounts counts;
-  problem.points_on_planes.clear();
   for (size_t k = 0; k < model.planes.size(); ++k) {
     PlaneState& state = model.planes[k];
     if (!state.in_use) continue;
-    // The heights of cameras pull at the ground; points that could then leave it would undo that.
-    const bool stays = state.is_ground && !state.members.empty();
     std::vector<int> members;
     std::vector<int> kept;
     for (const int i : state.candidates) {
       const bool was_member = std::binary_search(state.members.begin(), state.members.end(), i);
-      bool is_member = false;
-      const double sigma_i = PlaneSigma(sigma, model, solver.sigma_px, state, i);
-      const double variance = NormalVariance(model, problem, static_cast<int>(k), i);
-      if (stays) {
-        is_member = was_member && model.keypoint_size[i] > 0.0;
-      } else if (model.keypoint_size[i] > 0.0) {
-        const bool was_pulled = was_member && !problem.IsConstantPoint(i);
-        double distance = Distance(problem, static_cast<int>(k), i);
-        if (was_pulled) distance = FreeDistance(distance, variance, sigma_i, solver.huber_plane);
-        const double innovation = Innovation(distance, variance, sigma_i);
-        is_member = innovation <= options.max_sigma &&
-                    std::sqrt(variance + sigma_i * sigma_i) <= state.max_uncertainty;
-        counts.outliers += !is_member;
-        if (innovation > options.leave_sigma) {
-          ++counts.expelled;
-          counts.changed += was_member;
-          continue;
-        }
-      }
-      kept.push_back(i);
+      const Verdict verdict =
+          Judge(options, sigma, solver, model, problem, static_cast<int>(k), i, was_member);
+      const bool is_member = verdict.is_near && !verdict.is_expelled;
+      counts.outliers += verdict.is_outlier;
+      counts.expelled += verdict.is_expelled;
       counts.changed += is_member != was_member;
       if (is_member) members.push_back(i);
+      if (!verdict.is_expelled) kept.push_back(i);
     }
     state.in_use = static_cast<int>(members.size()) >= options.min_points;
     if (!state.in_use) members.clear();
     state.candidates = std::move(kept);
     state.members = std::move(members);
     counts.members += state.members.size();
-    for (const int i : state.members) {
-      const double strength = state.is_ground ? model.ground_strength : 1.0;
-      problem.points_on_planes.push_back(
-          {i, static_cast<int>(k), PlaneSigma(sigma, model, solver.sigma_px, state, i) / strength});
-    }
   }
-  std::sort(problem.points_on_planes.begin(), problem.points_on_planes.end(),
-            [](const PointOnPlane& a, const PointOnPlane& b) {
-              return std::pair(a.point, a.plane) < std::pair(b.point, b.plane);
-            });
+  WriteTerms(sigma, solver.sigma_px, model, problem);
   return counts;
 }
 
