@@ -182,6 +182,79 @@ std::string CamerasToTable(const RefineReport& report) {
   return text;
 }
 
+std::string SizesToText(const RefineReport& report) {
+  return fmt::format(
+      "images {} ({} refined)   points {} ({} in use)   observations {} ({} in use, {} outliers, "
+      "{} behind)\nplanes {} with {} points   mode {}{}\n\n",
+      report.num_images, report.num_images_in_use, report.num_points, report.num_points_in_use,
+      report.observations.total, report.observations.used, report.observations.outliers,
+      report.observations.behind, report.planes.size(), report.membership.members,
+      report.plane_mode, report.note.empty() ? "" : " (" + report.note + ")");
+}
+
+/// A column per arm.
+std::string ArmsToTable(const RefineReport& report) {
+  const auto& arms = report.arms;
+  std::string text = fmt::format("  {:<34}", "");
+  for (const ArmReport& arm : arms) text += fmt::format("{:>12}", arm.name);
+  text += '\n';
+  const size_t n = arms.size();
+  text += Row("reprojection RMS [px]", n, [&](size_t i) { return arms[i].reprojection_rms_px; });
+  if (!report.planes.empty()) {
+    text += Row("plane RMS [map units]", n, [&](size_t i) { return arms[i].plane_rms; });
+    text += Row("plane RMS [sigma]", n, [&](size_t i) { return arms[i].plane_rms_sigma; });
+  }
+  for (const auto& [relation, name] :
+       {std::pair(PlaneRelation::kParallel, "parallel planes, off by [deg]"),
+        std::pair(PlaneRelation::kOrthogonal, "orthogonal planes, off by [deg]")}) {
+    if (n == 0 || MedianDeviation(report, relation, 0) < 0.0) continue;
+    text += Row(name, n, [&, r = relation](size_t i) { return MedianDeviation(report, r, i); });
+  }
+  for (const PlaneDistanceReport& pair : report.distances) {
+    text += Row(fmt::format("planes {} and {}, known as {:.4g}", pair.a.value(), pair.b.value(),
+                            pair.known),
+                n, [&](size_t i) { return pair.measured[i]; });
+  }
+  text += Row("cameras moved, median [map units]", n,
+              [&](size_t i) { return arms[i].pose_moved_median; });
+  text +=
+      Row("cameras moved, max [map units]", n, [&](size_t i) { return arms[i].pose_moved_max; });
+  return text;
+}
+
+/// What else was done, as far as it was.
+std::string NotesToText(const RefineReport& report) {
+  std::string text;
+  if (report.num_exact_points > 0) {
+    text += fmt::format("\n{} points are exactly on {} planes\n", report.num_exact_points,
+                        report.num_exact_planes);
+  }
+  if (report.num_retriangulated + report.num_merged > 0) {
+    text += fmt::format("\n{} points triangulated anew, {} merged into others\n",
+                        report.num_retriangulated, report.num_merged);
+  }
+  if (report.ground.in_use) {
+    text += fmt::format(
+        "\ncamera height {:.4g} map units over {} ground planes, varies by {:.2f} % (before {:.2f} "
+        "%)\n",
+        report.ground.height, report.ground.num_planes, 100.0 * report.ground.spread_after,
+        100.0 * report.ground.spread_before);
+  }
+  if (report.frames.num_frames > 0) {
+    text += fmt::format(
+        "\nframes {}: {} refined against the map, the others moved with the keyframes\n",
+        report.frames.num_frames, report.frames.num_refined);
+  }
+  if (report.gravity.aligned) {
+    text += fmt::format("\nz points up by {} planes, RMS {:.2f} deg{}\n",
+                        report.gravity.num_agreeing, report.gravity.deviation_deg,
+                        report.gravity.floor.valid()
+                            ? fmt::format("; {} is at z = 0", report.gravity.floor_class)
+                            : "");
+  }
+  return text;
+}
+
 }  // namespace
 
 json ToJson(const RefineReport& report) {
@@ -233,71 +306,10 @@ json ToJson(const RefineReport& report) {
 }
 
 std::string ToTable(const RefineReport& report) {
-  std::string text = fmt::format(
-      "images {} ({} refined)   points {} ({} in use)   observations {} ({} in use, {} outliers, "
-      "{} "
-      "behind)\nplanes {} with {} points   mode {}{}\n\n",
-      report.num_images, report.num_images_in_use, report.num_points, report.num_points_in_use,
-      report.observations.total, report.observations.used, report.observations.outliers,
-      report.observations.behind, report.planes.size(), report.membership.members,
-      report.plane_mode, report.note.empty() ? "" : " (" + report.note + ")");
-  const auto& arms = report.arms;
-  text += fmt::format("  {:<34}", "");
-  for (const ArmReport& arm : arms) text += fmt::format("{:>12}", arm.name);
-  text += '\n';
-  const size_t n = arms.size();
-  text += Row("reprojection RMS [px]", n, [&](size_t i) { return arms[i].reprojection_rms_px; });
-  if (!report.planes.empty()) {
-    text += Row("plane RMS [map units]", n, [&](size_t i) { return arms[i].plane_rms; });
-    text += Row("plane RMS [sigma]", n, [&](size_t i) { return arms[i].plane_rms_sigma; });
-  }
-  for (const auto& [relation, name] :
-       {std::pair(PlaneRelation::kParallel, "parallel planes, off by [deg]"),
-        std::pair(PlaneRelation::kOrthogonal, "orthogonal planes, off by [deg]")}) {
-    if (n == 0 || MedianDeviation(report, relation, 0) < 0.0) continue;
-    text += Row(name, n, [&, r = relation](size_t i) { return MedianDeviation(report, r, i); });
-  }
-  for (const PlaneDistanceReport& pair : report.distances) {
-    text += Row(fmt::format("planes {} and {}, known as {:.4g}", pair.a.value(), pair.b.value(),
-                            pair.known),
-                n, [&](size_t i) { return pair.measured[i]; });
-  }
-  text += Row("cameras moved, median [map units]", n,
-              [&](size_t i) { return arms[i].pose_moved_median; });
-  text +=
-      Row("cameras moved, max [map units]", n, [&](size_t i) { return arms[i].pose_moved_max; });
-  if (report.num_exact_points > 0) {
-    text += fmt::format("\n{} points are exactly on {} planes\n", report.num_exact_points,
-                        report.num_exact_planes);
-  }
-  if (report.num_retriangulated + report.num_merged > 0) {
-    text += fmt::format("\n{} points triangulated anew, {} merged into others\n",
-                        report.num_retriangulated, report.num_merged);
-  }
-  if (report.ground.in_use) {
-    text += fmt::format(
-        "\ncamera height {:.4g} map units over {} ground planes, varies by {:.2f} % (before {:.2f} "
-        "%)\n",
-        report.ground.height, report.ground.num_planes, 100.0 * report.ground.spread_after,
-        100.0 * report.ground.spread_before);
-  }
-  if (report.frames.num_frames > 0) {
-    text += fmt::format(
-        "\nframes {}: {} refined against the map, the others moved with the keyframes\n",
-        report.frames.num_frames, report.frames.num_refined);
-  }
-  if (report.gravity.aligned) {
-    text += fmt::format("\nz points up by {} planes, RMS {:.2f} deg{}\n",
-                        report.gravity.num_agreeing, report.gravity.deviation_deg,
-                        report.gravity.floor.valid()
-                            ? fmt::format("; {} is at z = 0", report.gravity.floor_class)
-                            : "");
-  }
-  text += CamerasToTable(report);
   double total = 0.0;
   for (const auto& [step, seconds] : report.seconds) total += seconds;
-  text += fmt::format("\ntime {:.2f} s   peak memory {:.0f} MiB\n", total, report.peak_memory_mib);
-  return text;
+  return SizesToText(report) + ArmsToTable(report) + NotesToText(report) + CamerasToTable(report) +
+         fmt::format("\ntime {:.2f} s   peak memory {:.0f} MiB\n", total, report.peak_memory_mib);
 }
 
 }  // namespace s3lam
