@@ -9,6 +9,7 @@
 #include "s3lam/base/error.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/optim/block_cholesky.h"
+#include "s3lam/optim/huber.h"
 
 namespace s3lam {
 namespace {
@@ -27,10 +28,6 @@ constexpr size_t kMaxChunks = 4;
 /// Largest reduced system that is factored densely, and fill above which a larger one is too.
 constexpr int kMaxDenseRows = 900;
 constexpr double kDenseFill = 0.3;
-
-double Huber(double squared, double delta) {
-  return squared <= delta * delta ? squared : 2.0 * delta * std::sqrt(squared) - delta * delta;
-}
 
 /// Where the variables are: poses without the fixed ones, and each point's observations.
 struct Layout {

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "s3lam/base/parallel.h"
+#include "s3lam/optim/huber.h"
 #include "s3lam/refine/manifolds.h"
 #include "s3lam/refine/projection.h"
 
@@ -20,11 +21,7 @@ constexpr int kRowsPerItem = 16;
 
 using Matrix26 = Eigen::Matrix<double, 2, 6>;
 
-/// rho(s) of Huber's loss, and sqrt(rho'(s)).
-double Huber(double squared, double threshold) {
-  if (squared <= threshold * threshold) return squared;
-  return 2.0 * threshold * std::sqrt(squared) - threshold * threshold;
-}
+/// sqrt(rho'(s)) of Huber's loss.
 double HuberWeight(double squared, double threshold) {
   if (squared <= threshold * threshold) return 1.0;
   return std::sqrt(threshold / std::sqrt(squared));
