@@ -1,6 +1,5 @@
 #include "s3lam/eval/trajectory_alignment.h"
 
-#include <array>
 #include <vector>
 
 #include "s3lam/geometry/alignment.h"
@@ -8,21 +7,20 @@
 namespace s3lam {
 namespace {
 
-constexpr std::array<std::string_view, 3> kAlignmentNames = {"sim3", "se3", "none"};
 /// Fewer say nothing, and do not determine an alignment.
 constexpr size_t kMinPairs = 3;
 
 }  // namespace
 
 std::optional<TrajectoryAlignment> TrajectoryAlignmentFromName(std::string_view name) {
-  for (size_t i = 0; i < kAlignmentNames.size(); ++i) {
-    if (kAlignmentNames[i] == name) return static_cast<TrajectoryAlignment>(i);
+  for (size_t i = 0; i < kTrajectoryAlignmentNames.size(); ++i) {
+    if (kTrajectoryAlignmentNames[i] == name) return static_cast<TrajectoryAlignment>(i);
   }
   return std::nullopt;
 }
 
 std::string_view TrajectoryAlignmentName(TrajectoryAlignment alignment) {
-  return kAlignmentNames.at(static_cast<size_t>(alignment));
+  return kTrajectoryAlignmentNames.at(static_cast<size_t>(alignment));
 }
 
 std::optional<Similarity3> AlignPosePairs(std::span<const PosePair> pairs,

@@ -13,8 +13,6 @@
 namespace s3lam {
 namespace {
 
-constexpr std::array<std::string_view, 3> kAlignmentNames = {"sim3", "se3", "none"};
-
 /// Index of the pose nearest in time.
 size_t Nearest(const Trajectory& trajectory, double time_s) {
   const auto after =
@@ -94,14 +92,13 @@ TimeOffsetEffect FindTimeOffset(const Trajectory& estimate, const Trajectory& gr
   return effect;
 }
 
-double RootMeanSquare(std::span<const PoseError> errors, double PoseError::*part) {
+double RmsOverPoses(std::span<const PoseError> errors, double PoseError::*part) {
   double sum = 0.0;
   for (const PoseError& error : errors) sum += (error.*part) * (error.*part);
   return std::sqrt(sum / static_cast<double>(errors.size()));
 }
 
-Eigen::Vector3d RootMeanSquare(std::span<const PoseError> errors,
-                               Eigen::Vector3d PoseError::*part) {
+Eigen::Vector3d RmsOverPoses(std::span<const PoseError> errors, Eigen::Vector3d PoseError::*part) {
   Eigen::Array3d sum = Eigen::Array3d::Zero();
   for (const PoseError& error : errors) sum += (error.*part).array().square();
   return (sum / static_cast<double>(errors.size())).sqrt();
@@ -114,10 +111,10 @@ void MeasureAbsolute(TrajectoryErrors& errors) {
     distances.push_back(pose.difference.norm());
     angles.push_back(pose.rotation_deg);
   }
-  errors.ate_rmse_per_axis = RootMeanSquare(errors.poses, &PoseError::difference);
-  errors.ate_rmse_in_camera = RootMeanSquare(errors.poses, &PoseError::in_camera);
-  errors.ate_rmse_along = RootMeanSquare(errors.poses, &PoseError::along);
-  errors.ate_rmse_across = RootMeanSquare(errors.poses, &PoseError::across);
+  errors.ate_rmse_per_axis = RmsOverPoses(errors.poses, &PoseError::difference);
+  errors.ate_rmse_in_camera = RmsOverPoses(errors.poses, &PoseError::in_camera);
+  errors.ate_rmse_along = RmsOverPoses(errors.poses, &PoseError::along);
+  errors.ate_rmse_across = RmsOverPoses(errors.poses, &PoseError::across);
   errors.ate_translation = ComputeErrorStatistics(std::move(distances));
   errors.ate_rotation_deg = ComputeErrorStatistics(std::move(angles));
 }
@@ -138,7 +135,7 @@ nlohmann::json AxesToJson(const Eigen::Vector3d& axes) { return {axes.x(), axes.
 }  // namespace
 
 void TrajectoryErrorOptions::Visit(OptionVisitor& v) {
-  v.Choice("align", align, kAlignmentNames,
+  v.Choice("align", align, kTrajectoryAlignmentNames,
            "what is aligned before measuring: a similarity, a rigid transform, nothing");
   v.Value("max_dt_s", max_dt_s, "poses farther apart in time are not associated [s]", 0.0);
   v.Value(

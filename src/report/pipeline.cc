@@ -14,8 +14,6 @@
 namespace s3lam::report {
 namespace {
 
-constexpr std::string_view kAlignments[] = {"sim3", "se3", "none"};
-
 Measures Measure(const Options& options, const RunFolder& run, const Trajectory& truth) {
   TrajectoryErrorOptions trajectory;
   trajectory.align = options.align;
@@ -68,7 +66,7 @@ std::vector<std::pair<std::string, nlohmann::json>> Configurations(const Options
 }  // namespace
 
 void Options::Visit(OptionVisitor& v) {
-  v.Choice("align", align, kAlignments, "what is aligned to the ground truth first");
+  v.Choice("align", align, kTrajectoryAlignmentNames, "what is aligned to the ground truth first");
   v.Value("max_dt_s", max_dt_s, "largest time difference of associated poses [s]", 0.0, 1e9);
   v.Value("histogram_bins", histogram_bins, "bins of a histogram", 2, 1000);
   v.Value("view_width", view_width, "width of the views of the map [px]", 50, 10000);

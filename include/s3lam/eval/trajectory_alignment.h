@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -13,7 +14,9 @@ namespace s3lam {
 /// estimate), a rigid transform, nothing.
 enum class TrajectoryAlignment { kSim3, kSe3, kNone };
 
-/// "sim3", "se3", "none".
+/// In the order of the enumerators.
+inline constexpr std::array<std::string_view, 3> kTrajectoryAlignmentNames{"sim3", "se3", "none"};
+
 std::optional<TrajectoryAlignment> TrajectoryAlignmentFromName(std::string_view name);
 std::string_view TrajectoryAlignmentName(TrajectoryAlignment alignment);
 
