@@ -19,6 +19,21 @@ double MedianStep(const std::vector<double>& values) {
   return Median(std::move(steps));
 }
 
+double InterpolatedMedian(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  if (values.size() % 2 == 1) return *middle;
+  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
+}
+
+double RootMeanSquare(const std::vector<double>& values) {
+  if (values.empty()) return 0.0;
+  double sum = 0.0;
+  for (const double value : values) sum += value * value;
+  return std::sqrt(sum / static_cast<double>(values.size()));
+}
+
 double RayleighQuantile(double share) { return std::sqrt(-2.0 * std::log(1.0 - share)); }
 
 double ResidualCorrection(size_t track_length) {

@@ -62,12 +62,6 @@ std::vector<double> Deviations(const std::vector<MeasuredHeight>& heights, bool 
   return deviations;
 }
 
-double RootMeanSquare(const std::vector<double>& values) {
-  double sum = 0.0;
-  for (const double value : values) sum += value * value;
-  return values.empty() ? 0.0 : std::sqrt(sum / static_cast<double>(values.size()));
-}
-
 /// Median over the cameras above each plane.
 std::map<int, double> MedianByPlane(const std::vector<MeasuredHeight>& heights,
                                     const std::vector<double>& deviations) {

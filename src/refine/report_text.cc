@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 
+#include "s3lam/base/statistics.h"
 #include "s3lam/optim/self_calibration.h"
 #include "s3lam/refine/report.h"
 
@@ -95,9 +96,7 @@ double MedianDeviation(const RefineReport& report, PlaneRelation relation, size_
   for (const PlanePairReport& pair : report.pairs) {
     if (pair.relation == relation) values.push_back(pair.deviation_deg[arm]);
   }
-  if (values.empty()) return -1.0;
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
+  return values.empty() ? -1.0 : Median(std::move(values));
 }
 
 template <typename Function>

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <numbers>
 
+#include "s3lam/base/statistics.h"
 #include "s3lam/geometry/alignment.h"
 #include "s3lam/report/measures.h"
 
@@ -52,7 +53,7 @@ Vector3d MedianPoint(const Reconstruction& model) {
   for (int axis = 0; axis < 3; ++axis) {
     std::vector<double> values;
     for (const auto& [id, point] : model.points) values.push_back(point.xyz[axis]);
-    middle[axis] = Median(std::move(values));
+    middle[axis] = InterpolatedMedian(std::move(values));
   }
   return middle;
 }

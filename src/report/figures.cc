@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/statistics.h"
 #include "s3lam/report/keyframe_pictures.h"
 #include "s3lam/report/map_view.h"
 #include "s3lam/report/plots.h"

@@ -6,6 +6,8 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
+#include "s3lam/base/statistics.h"
+
 namespace s3lam::report {
 namespace {
 
@@ -118,21 +120,6 @@ std::vector<PlaneDistances> MeasurePlaneDistances(const std::vector<Arm>& arms,
     measured.push_back(std::move(of_plane));
   }
   return measured;
-}
-
-double RootMeanSquare(const std::vector<double>& values) {
-  if (values.empty()) return 0.0;
-  double sum = 0.0;
-  for (const double value : values) sum += value * value;
-  return std::sqrt(sum / static_cast<double>(values.size()));
-}
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) return *middle;
-  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
 }  // namespace s3lam::report

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <map>
 
+#include "s3lam/base/statistics.h"
+
 namespace s3lam::report {
 namespace {
 
@@ -96,8 +98,9 @@ Table SummaryTable(const RunFolder& run, const Measures& measures) {
         return fmt::format("{:.5g}", RootMeanSquare(measures.plane_distances[k]));
       }));
   table.rows.push_back(
-      Row(points + fmt::format("median [{}]", measures.frame.unit), run,
-          [&](size_t k) { return fmt::format("{:.5g}", Median(measures.plane_distances[k])); }));
+      Row(points + fmt::format("median [{}]", measures.frame.unit), run, [&](size_t k) {
+        return fmt::format("{:.5g}", InterpolatedMedian(measures.plane_distances[k]));
+      }));
   return table;
 }
 
@@ -122,7 +125,7 @@ Table PlaneTable(const RunFolder& run, const Measures& measures) {
       row.push_back(measured == measures.planes.end()
                         ? kNothing
                         : fmt::format("{:.4g}", measures.frame.view_from_arm[k].scale *
-                                                    Median(measured->distances[k])));
+                                                    InterpolatedMedian(measured->distances[k])));
     }
     const auto entry = refined_planes.find(id);
     const json refined = entry == refined_planes.end() ? json() : *entry->second;

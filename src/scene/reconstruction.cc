@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "s3lam/base/error.h"
+#include "s3lam/base/statistics.h"
 
 namespace s3lam {
 
@@ -171,10 +172,7 @@ double MedianDepth(const Reconstruction& reconstruction) {
       depths.push_back((image.cam_from_world * point.xyz).z());
     }
   }
-  if (depths.empty()) return 0.0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return Median(std::move(depths));
 }
 
 }  // namespace s3lam

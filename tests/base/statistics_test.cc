@@ -7,11 +7,20 @@
 namespace s3lam {
 namespace {
 
-TEST(Statistics, MedianIsTheUpperOne) {
+TEST(Statistics, MediansDifferForAnEvenNumberOfValues) {
+  const std::vector<double> four{4.0, 1.0, 3.0, 2.0};
+  EXPECT_EQ(Median(four), 3.0);
+  EXPECT_EQ(InterpolatedMedian(four), 2.5);
+  const std::vector<double> three{3.0, 1.0, 2.0};
+  EXPECT_EQ(Median(three), 2.0);
+  EXPECT_EQ(InterpolatedMedian(three), 2.0);
   EXPECT_EQ(Median({}), 0.0);
-  EXPECT_EQ(Median({3.0}), 3.0);
-  EXPECT_EQ(Median({4.0, 1.0, 2.0}), 2.0);
-  EXPECT_EQ(Median({4.0, 1.0, 2.0, 3.0}), 3.0);
+  EXPECT_EQ(InterpolatedMedian({}), 0.0);
+}
+
+TEST(Statistics, RootMeanSquare) {
+  EXPECT_EQ(RootMeanSquare({}), 0.0);
+  EXPECT_DOUBLE_EQ(RootMeanSquare({3.0, -4.0}), std::sqrt(12.5));
 }
 
 TEST(Statistics, UpperQuantileHasTheShareBelowIt) {

@@ -15,6 +15,13 @@ inline double Median(std::vector<double> values) { return UpperQuantile(std::mov
 /// The median of the differences of successive values; zero for fewer than two.
 double MedianStep(const std::vector<double>& values);
 
+/// The median, of an even number of values the mean of the two middle ones; zero for no values. For
+/// what people read; estimators take the upper one.
+double InterpolatedMedian(std::vector<double> values);
+
+/// Zero for no values.
+double RootMeanSquare(const std::vector<double>& values);
+
 /// The median of the absolute value of a normal variable with a sigma of one.
 inline constexpr double kMedianOfAbsoluteNormal = 0.6744897501960817;
 

@@ -24,7 +24,4 @@ struct PlaneDistances {
 std::vector<PlaneDistances> MeasurePlaneDistances(const std::vector<Arm>& arms,
                                                   const SemanticMap& semantics);
 
-double RootMeanSquare(const std::vector<double>& values);
-double Median(std::vector<double> values);
-
 }  // namespace s3lam::report
