@@ -53,7 +53,7 @@ json ToJson(const OuterIteration& iteration) {
           {"seconds", iteration.seconds}};
 }
 
-json PlanesToJson(const RefineReport& report) {
+json PlaneReportsToJson(const RefineReport& report) {
   json planes = json::array();
   for (const PlaneReport& plane : report.planes) {
     planes.push_back({{"id", plane.id.value()},
@@ -296,7 +296,7 @@ json ToJson(const RefineReport& report) {
       {"gravity", GravityToJson(report.gravity)},
       {"cameras", CamerasToJson(report)},
       {"arms", arms},
-      {"planes", PlanesToJson(report)},
+      {"planes", PlaneReportsToJson(report)},
       {"plane_pairs", PairsToJson(report)},
       {"plane_distances", DistancesToJson(report)},
       {"iterations", iterations},
