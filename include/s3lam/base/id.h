@@ -31,11 +31,9 @@ using PointId = Id<struct PointTag, uint64_t>;
 using ClusterId = Id<struct ClusterTag, uint32_t>;
 using PlaneId = Id<struct PlaneTag, uint32_t>;
 
-inline constexpr CameraId kInvalidCameraId{};
 inline constexpr ImageId kInvalidImageId{};
 inline constexpr PointId kInvalidPointId{};
 inline constexpr ClusterId kInvalidClusterId{};
-inline constexpr PlaneId kInvalidPlaneId{};
 
 }  // namespace s3lam
 
