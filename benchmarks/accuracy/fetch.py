@@ -112,6 +112,8 @@ def unpack(path, folder):
                     if not member.isfile() and not member.isdir():
                         raise FetchFailed(f"{path}: {member.name} is neither a file nor a folder")
                 archive.extractall(folder)
+                while archive.fileobj.read(1 << 20):  # To the checksum, which is at the end.
+                    pass
     except (zipfile.BadZipFile, tarfile.TarError, EOFError, lzma.LZMAError, zlib.error,
             OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:  # Not of what decompresses.

@@ -6,6 +6,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -27,6 +29,9 @@ constexpr const char* kAside = ".old";
 std::mutex g_mutex;
 std::set<fs::path> g_uncommitted;  // NOLINT: empty at start and at the end.
 
+/// mkstemp and mkdtemp make names of these.
+bool IsOfMkstemp(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0; }
+
 /// Names of what runs with this target write into end in six characters of mkstemp's.
 std::string StagingPrefix(const fs::path& target) {
   return fmt::format(".{}.tmp-", target.filename().string());
@@ -46,6 +51,8 @@ bool IsLeftover(const std::string& name, const fs::path& target) {
   const std::string prefix = StagingPrefix(target);
   if (!name.starts_with(prefix)) return false;
   const size_t length = name.size() - prefix.size();
+  const std::string random = name.substr(prefix.size(), kNumRandom);
+  if (!std::all_of(random.begin(), random.end(), IsOfMkstemp)) return false;
   if (length == kNumRandom) return true;
   // Between the steps of a replacement, what is aside is the only result that there is.
   std::error_code ignored;
@@ -53,12 +60,14 @@ bool IsLeftover(const std::string& name, const fs::path& target) {
          fs::exists(target, ignored);
 }
 
-/// Removes what runs which were killed have left beside the target.
-void RemoveLeftovers(const fs::path& target) {
+/// Removes what runs which were killed have left beside the target, folders for a folder.
+void RemoveLeftovers(const fs::path& target, internal::Staging::Kind kind) {
   std::error_code ignored;  // What cannot be removed disturbs nobody.
   std::vector<fs::path> leftovers;
   for (fs::directory_iterator it(internal::ParentOf(target), ignored), end; !ignored && it != end;
        it.increment(ignored)) {
+    const bool is_folder = it->is_directory(ignored);
+    if (is_folder != (kind == internal::Staging::Kind::kFolder)) continue;
     if (IsLeftover(it->path().filename().string(), target)) leftovers.push_back(it->path());
   }
   for (const fs::path& path : leftovers) {
@@ -99,7 +108,7 @@ Staging::Staging(const fs::path& target, Kind kind) {
   if (error) {
     ThrowInputError("{}: cannot create: {}", ParentOf(target).string(), error.message());
   }
-  RemoveLeftovers(target);
+  RemoveLeftovers(target, kind);
   Make(target, kind);
   GiveUsualPermissions(path_, kind);
 }
@@ -119,7 +128,7 @@ void Staging::Make(const fs::path& target, Kind kind) {
     }
     path_ = name;
     // Without a lock (a file system that has none) nobody else gets one either.
-    if (kind == Kind::kFile) flock(fd_, LOCK_EX | LOCK_NB);
+    if (kind == Kind::kFile && flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) continue;
     if (kind == Kind::kFolder) fd_ = OpenLocked(path_);
     if (fd_ < 0 ? fs::exists(path_) : IsStillThere(path_, fd_)) break;
   }

@@ -9,7 +9,7 @@
 
 namespace s3lam {
 
-/// Throws nlohmann::json::exception, as the others here do, where it is no list of three numbers.
+/// Throws nlohmann::json::exception, as the others here do, where it is no list of at least three numbers.
 inline Eigen::Vector3d VectorFromJson(const nlohmann::json& list) {
   Eigen::Vector3d vector;
   for (int i = 0; i < 3; ++i) vector[i] = list.at(static_cast<size_t>(i)).get<double>();

@@ -12,7 +12,7 @@ namespace {
 
 ImageId ImageOfFrame(int frame) { return ImageId(static_cast<uint32_t>(frame) + 1); }
 
-/// Images with all their keypoints, at the pixels where they were found.
+/// Images with all their keypoints, at the pixels where they were found or corrected to.
 void AddImages(const Input& input, Camera camera, const Map& map, const std::vector<int>& keyframes,
                Model& model) {
   Reconstruction& reconstruction = model.reconstruction;

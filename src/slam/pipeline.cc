@@ -7,11 +7,13 @@
 
 #include "calibration_steps.h"
 #include "localization_steps.h"
+#include "report_steps.h"
 #include "rolling_shutter_steps.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/log.h"
 #include "s3lam/base/parallel.h"
 #include "s3lam/base/progress.h"
+#include "s3lam/base/statistics.h"
 #include "s3lam/slam/export.h"
 #include "s3lam/slam/run_state.h"
 #include "s3lam/slam/stops.h"
@@ -197,136 +199,13 @@ void MapUntilCameraStays(const Options& options, const FocalPrior& prior,
   }
 }
 
-/// Where each localised frame is, in whichever map.
-std::vector<std::optional<FrameView>> ViewsOf(
-    const Submaps& maps, const std::vector<std::vector<FrameTrack>>& localized) {
-  std::vector<std::optional<FrameView>> views(localized.front().size());
-  for (size_t m = 0; m < maps.size(); ++m) {
-    for (size_t i = 0; i < views.size(); ++i) {
-      const FrameTrack& track = localized[m][i];
-      if (!track.tracked) continue;
-      views[i] =
-          FrameView{static_cast<int>(m), track.cam_from_world, MedianDepth(maps[m]->map(), track)};
-    }
-  }
-  return views;
-}
-
-/// What pairs of keyframes say of the frames of a map.
-struct TwoViewVerdict {
-  std::vector<double> contradictions;
-  std::vector<uint8_t> is_cut_off;
-};
-
-TwoViewVerdict JudgeByTwoViews(const Options& options, const Undistorter& undistorter,
-                               const Map& map, const std::vector<FrameTrack>& localized) {
-  std::vector<TwoViewCheck> checks =
-      CheckTwoViews(options.two_view_check, map, undistorter, options.num_threads);
-  TwoViewVerdict verdict{ContradictionOfFrames(checks, localized.size()),
-                         std::vector<uint8_t>(localized.size(), 0)};
-  std::erase_if(checks, [&](const TwoViewCheck& check) {
-    return check.num_matches < options.remapping.min_matches;
-  });
-  std::vector<double> doubts = ContradictionOfFrames(checks, localized.size());
-  std::transform(doubts.begin(), doubts.end(), doubts.begin(), Refutation);
-  const MapParts parts = FindParts(map, localized, doubts);
-  for (size_t i = 0; i < localized.size(); ++i) {
-    verdict.is_cut_off[i] = localized[i].tracked && parts.of_frame[i] != parts.largest ? 1 : 0;
-  }
-  return verdict;
-}
-
-void AddFrames(const Undistorter& undistorter, const Map& map, int model,
-               const std::vector<FrameTrack>& localized, const TwoViewVerdict& verdict,
-               Report& report) {
-  for (int i = 0; i < static_cast<int>(localized.size()); ++i) {
-    if (!localized[i].tracked) continue;
-    FrameReport& frame = report.frames[i];
-    frame = DescribeFrame(undistorter, map, i, localized[i]);
-    frame.map = model;
-    frame.contradiction = verdict.contradictions[i];
-    frame.is_cut_off = verdict.is_cut_off[i] != 0;
-    frame.trust = FrameTrust(frame);
-  }
-  for (const int k : map.AliveKeyframes()) report.frames[map.keyframe(k).frame].is_keyframe = true;
-}
-
-/// A map that is wrong asks for another camera as well: only of a right one it says something.
-void TellOfBetterPinhole(Report& report) {
-  if (IsMostlyRefuted(report.frames)) report.better_pinhole.clear();
-  if (report.better_pinhole.empty()) return;
-  spdlog::warn(
-      "is this the calibration of the camera, and the map right? {}; --camera auto finds a "
-      "calibration",
-      DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
-}
-
-/// Of a wrong map it says as little.
-void TellOfRollingShutter(Report& report) {
-  if (!report.rolling_shutter || report.rolling_shutter->is_compensated) return;
-  RollingShutterReport& shutter = *report.rolling_shutter;
-  shutter.is_seen = shutter.is_seen && !IsMostlyRefuted(report.frames);
-  if (!shutter.is_seen) return;
-  spdlog::warn(
-      "the images were taken by a rolling shutter (of {:.0f} ms or more), which bends the map a "
-      "little: --set rolling_shutter.mode=compensate corrects for it",
-      1e3 * shutter.readout_s);
-}
-
-void TellOfDoubt(const Options& options, const Report& report) {
-  const double share = ShareInDoubt(report.frames);
-  if (share <= options.remapping.max_doubt) return;
-  spdlog::warn(
-      "{:.0f} % of the frames are in doubt: two views refute the map there, or such frames are all "
-      "that holds them to the rest; see the stretches that are little trusted",
-      100.0 * share);
-}
-
-/// The models of all maps, and the report.
-Result MakeResult(const Options& options, const Input& input,
-                  const std::vector<std::vector<FrameTrack>>& localized,
-                  const std::vector<TwoViewVerdict>& verdicts, RunState& state) {
-  Result result;
-  Report& report = state.report;
-  const Submaps& maps = state.maps;
-  report.num_frames = static_cast<int>(state.frames.size());
-  report.frames.resize(state.frames.size());
-  for (size_t m = 0; m < maps.size(); ++m) {
-    const Map& map = maps[m]->map();
-    result.models.push_back(Export(input, state.undistorter.camera(), map, localized[m]));
-    report.maps.push_back(DescribeMap(result.models[m], *maps[m], localized[m]));
-    report.maps[m].loops = std::move(state.loops[m]);
-    AddFrames(state.undistorter, map, static_cast<int>(m), localized[m], verdicts[m], report);
-  }
-  if (report.focal && !report.focal->IsDetermined()) {
-    spdlog::warn(
-        "the motion does not determine the focal length (sigma {:.1f} of {:.1f} px): it is little "
-        "more than a guess, and the map may be distorted; give the camera's calibration",
-        report.focal->Sigma(), report.focal->refined);
-  }
-  if (LosesFramesOfUnknownCamera(report)) {
-    spdlog::warn(
-        "many frames are not localised, which a wrong focal length can be the reason of: give the "
-        "camera's calibration, or begin with {:.1f} px, to which it was refined",
-        report.focal->refined);
-  }
-  TellOfDoubt(options, report);
-  TellOfBetterPinhole(report);
-  TellOfRollingShutter(report);
-  report.stretches = FindStretches(report.frames);
-  report.stops = FindStops(ViewsOf(maps, localized), state.undistorter.camera().FocalX());
-  result.report = std::move(report);
-  return result;
-}
-
-/// A pixel is too large an angle there to tell the motion from others that explain the images as
-/// well, or that two views contradict the map.
-void WarnOfSmallImages(const Camera& camera) {
-  constexpr int kSmallSide = 320;  // px
-  if (std::max(camera.width, camera.height) >= kSmallSide) return;
-  spdlog::warn(
-      "images of {} x {} px are small: the map may be wrong without a sign of it in the report",
-      camera.width, camera.height);
+/// A shutter that is open for longer than from image to image is none.
+void CheckReadout(const RollingShutterOptions& options, const std::vector<double>& times_s) {
+  const double interval_s = MedianStep(times_s);
+  const bool is_used = options.mode == RollingShutterOptions::Mode::kCompensate;
+  if (!is_used || options.readout_s <= interval_s) return;
+  ThrowInputError("rolling_shutter.readout_s is {} s, longer than the {:.3g} s from image to image",
+                  options.readout_s, interval_s);
 }
 
 }  // namespace
@@ -378,9 +257,12 @@ Options Effective(const Options& options) {
 Result Run(const Options& given, const Input& input) {
   const Options options = Effective(given);
   S3LAM_CHECK(input.times_s.size() == input.names.size());
+  S3LAM_CHECK(std::adjacent_find(input.times_s.begin(), input.times_s.end(),
+                                 std::greater_equal<>()) == input.times_s.end());
   if (input.names.size() < 4)
     ThrowInputError("a sequence of {} images is too short: a map needs at least 4",
                     input.names.size());
+  CheckReadout(options.rolling_shutter, input.times_s);
   RunState state{{}, Undistorter(input.camera), {}, {}, {}, {}, {}};
   StepTimes& seconds = state.report.seconds;
   {
@@ -449,11 +331,8 @@ Result Run(const Options& given, const Input& input) {
   std::vector<TwoViewVerdict> verdicts;
   {
     const ScopedStep step(seconds, "two-view check");
-    for (size_t m = 0; m < maps.size(); ++m) {
-      verdicts.push_back(JudgeByTwoViews(options, state.undistorter, maps[m]->map(), localized[m]));
-    }
+    verdicts = JudgeMaps(options, state.undistorter, maps, localized);
   }
-  WarnOfSmallImages(input.camera);
   const ScopedStep step(seconds, "export");
   return MakeResult(options, input, localized, verdicts, state);
 }

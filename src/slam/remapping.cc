@@ -9,8 +9,7 @@
 namespace s3lam {
 namespace {
 
-constexpr int kMinStretch = 10;   // Frames: fewer hardly leave a choice where to start.
-constexpr double kNoDoubt = 0.5;  // Below it.
+constexpr int kMinStretch = 10;  // Frames: fewer hardly leave a choice where to start.
 constexpr double kClearlyLess = 2.0 / 3.0;
 constexpr int kMinShared = 20;  // Points, for two keyframes to be of one scale and place.
 
@@ -36,7 +35,7 @@ class Starts {
   FrameSpan Next(const std::vector<double>& doubts) {
     std::vector<uint8_t> is_barred = is_tried_;
     for (size_t i = 0; i < doubts.size(); ++i) {
-      if (doubts[i] >= kNoDoubt) is_barred[i] = 1;
+      if (doubts[i] >= kRefuted) is_barred[i] = 1;
     }
     FrameSpan start = LongestFree(is_barred);
     if (start.Length() < kMinStretch) start = LongestFree(is_tried_);
@@ -107,7 +106,7 @@ std::vector<double> DoubtsOfFrames(const TwoViewCheckOptions& options, const Sub
 MapParts FindParts(const Map& map, const std::vector<FrameTrack>& tracks,
                    const std::vector<double>& doubts) {
   const std::vector<int> keyframes = map.KeyframesInTime();
-  const auto is_refuted = [&](int k) { return doubts[map.keyframe(k).frame] >= kNoDoubt; };
+  const auto is_refuted = [&](int k) { return doubts[map.keyframe(k).frame] >= kRefuted; };
   Groups groups(static_cast<size_t>(map.num_keyframes()));
   int previous = kNoIndex;
   for (const int k : keyframes) {

@@ -16,7 +16,6 @@ constexpr double kMaxRelativeFocalSigma = 0.02;
 constexpr double kCommonFocalSigma = 0.01;  // A choice; between parts nothing shows it.
 constexpr double kGoodTrust = 0.5;
 constexpr double kManyLost = 0.2;  // Of the frames.
-constexpr double kRefuted = 0.5;
 constexpr double kCutOffTrust = 0.4;
 constexpr size_t kNumDoubts = 5;
 constexpr int kMinStretchFrames = 5;  // Shorter weak or good ones join what is around them.
@@ -230,13 +229,6 @@ bool IsMostlyRefuted(const std::vector<FrameReport>& frames) {
     if (IsRefuted(frame)) ++num_refuted;
   }
   return 2 * num_refuted > num_of_map;
-}
-
-double ShareInDoubt(const std::vector<FrameReport>& frames) {
-  const auto count = std::count_if(frames.begin(), frames.end(), [](const FrameReport& frame) {
-    return frame.localized() && (frame.is_cut_off || IsRefuted(frame));
-  });
-  return static_cast<double>(count) / std::max(1.0, static_cast<double>(frames.size()));
 }
 
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames) {

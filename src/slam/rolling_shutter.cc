@@ -16,6 +16,7 @@ constexpr double kBridgedIntervals = 3.0;
 constexpr size_t kReach = 2;              // Frames on either side that tell a motion.
 constexpr double kMaxSquaredError = 9.0;  // [sigma^2]
 constexpr int kMinObservations = 20;      // Of a keyframe.
+constexpr size_t kMinKeyframes = 8;       // Fewer say little of how they differ.
 
 /// Of a pixel from the middle of the image, in widths and heights of it.
 Eigen::Vector2d FromMiddle(const Camera& camera, const Eigen::Vector2f& pixel) {
@@ -67,14 +68,15 @@ ReadoutFit FitAxis(const std::vector<Products>& keyframes, int axis) {
     cost += products(2, 2);
   }
   ReadoutFit fit;
-  if (!(squared > 0.0) || !(cost > 0.0)) return fit;
+  if (keyframes.size() < kMinKeyframes || !(squared > 0.0) || !(cost > 0.0)) return fit;
   fit.seconds = mixed / squared;
   fit.cost_share = fit.seconds * mixed / cost;
   double variance = 0.0;  // By how keyframes differ: their observations share what is wrong.
   for (const Products& products : keyframes) {
     variance += std::pow(products(axis, 2) - fit.seconds * products(axis, axis), 2);
   }
-  fit.sigma_s = std::sqrt(variance) / squared;
+  const double few = static_cast<double>(keyframes.size());
+  fit.sigma_s = std::sqrt(variance * few / (few - 1.0)) / squared;
   return fit;
 }
 
@@ -86,8 +88,8 @@ void RollingShutterOptions::Visit(OptionVisitor& v) {
            "run says whether that is seen; keypoints are moved to where they would be if all were "
            "exposed as the middle one is");
   v.Value("readout_s", readout_s,
-          "from the exposure of the first line to that of the last, if it is known; 0: estimated, "
-          "with the direction [s]",
+          "with mode compensate: from the exposure of the first line to that of the last, if it is "
+          "known, at most the time from image to image; 0: estimated, with the direction [s]",
           0.0, 1.0);
   v.Choice("direction", direction, kDirectionNames,
            "with readout_s: where the lines follow one another to, in the images as they are read");
@@ -192,6 +194,7 @@ ReadoutFits FitReadout(const Undistorter& undistorter, const std::vector<Localiz
 ShutterCorrection::ShutterCorrection(const Map& map, size_t num_frames) : places_(num_frames) {
   for (size_t i = 0; i < num_frames; ++i) {
     const FrameFeatures& features = map.frame(static_cast<int>(i));
+    places_[i].reserve(static_cast<size_t>(features.size()));
     for (int k = 0; k < features.size(); ++k) {
       places_[i].push_back({features.keypoint(k).pixel, features.keypoint(k).undistorted});
     }
@@ -202,36 +205,46 @@ void ShutterCorrection::Apply(const Readout& readout, const Undistorter& undisto
                               const std::vector<FrameTrack>& localized,
                               const std::vector<std::optional<FrameMotion>>& motions,
                               Map& map) const {
-  const PinholeIntrinsics& intrinsics = undistorter.intrinsics();
-  const Camera& camera = undistorter.camera();
   for (size_t i = 0; i < localized.size(); ++i) {
     const FrameTrack& track = localized[i];
-    if (!track.tracked || !motions[i] || track.matches.empty()) continue;
+    if (!track.tracked) continue;
     const auto frame = static_cast<int>(i);
     const FrameFeatures& features = map.frame(frame);
     std::vector<int> point_of_keypoint(static_cast<size_t>(features.size()), kNoIndex);
     for (const PointMatch& match : track.matches) point_of_keypoint[match.keypoint] = match.point;
-    const Rigid3 world_from_cam = track.cam_from_world.Inverse();
     const double median_depth = slam::MedianDepth(map, track);
     for (int k = 0; k < features.size(); ++k) {
-      const Place& place = places_[i][k];
-      const Eigen::Vector2d xy = place.undistorted.cast<double>();
+      const Place& found = places_[i][k];
       const int point = point_of_keypoint[k];
       const double depth =
           point == kNoIndex ? median_depth : (track.cam_from_world * map.point(point).position).z();
-      if (!(depth > 0.0)) continue;
-      const Eigen::Vector3d x =
-          depth * Eigen::Vector3d((xy.x() - intrinsics.cx) / intrinsics.fx,
-                                  (xy.y() - intrinsics.cy) / intrinsics.fy, 1.0);
-      const Eigen::Vector3d x_when_exposed =
-          motions[i]->PointAfter(readout.dot(FromMiddle(camera, place.pixel)), world_from_cam * x);
-      if (!(x_when_exposed.z() > 0.0)) continue;
-      const Eigen::Vector2d moved = xy - (intrinsics.Project(x_when_exposed) - xy);
-      const auto pixel = camera.ImageFromCamera({(moved.x() - intrinsics.cx) / intrinsics.fx,
-                                                 (moved.y() - intrinsics.cy) / intrinsics.fy, 1.0});
-      if (pixel) map.MoveKeypoint(frame, k, *pixel, moved, features.keypoint(k).sigma);
+      std::optional<Place> moved;
+      if (motions[i] && depth > 0.0) {
+        moved = Correct(found, depth, readout, undistorter, track.cam_from_world, *motions[i]);
+      }
+      const Place& place = moved ? *moved : found;
+      map.MoveKeypoint(frame, k, place.pixel.cast<double>(), place.undistorted.cast<double>(),
+                       features.keypoint(k).sigma);
     }
   }
+}
+
+std::optional<ShutterCorrection::Place> ShutterCorrection::Correct(const Place& found, double depth,
+                                                                   const Readout& readout,
+                                                                   const Undistorter& undistorter,
+                                                                   const Rigid3& cam_from_world,
+                                                                   const FrameMotion& motion) {
+  const PinholeIntrinsics& intrinsics = undistorter.intrinsics();
+  const Camera& camera = undistorter.camera();
+  const Eigen::Vector2d xy = found.undistorted.cast<double>();
+  const Eigen::Vector3d x = depth * intrinsics.Normalize(xy).homogeneous();
+  const Eigen::Vector3d when_exposed =
+      motion.PointAfter(readout.dot(FromMiddle(camera, found.pixel)), cam_from_world.Inverse() * x);
+  if (!(when_exposed.z() > 0.0)) return std::nullopt;
+  const Eigen::Vector2d moved = 2.0 * xy - intrinsics.Project(when_exposed);
+  const auto pixel = camera.ImageFromCamera(intrinsics.Normalize(moved).homogeneous());
+  if (!pixel) return std::nullopt;
+  return Place{pixel->cast<float>(), moved.cast<float>()};
 }
 
 }  // namespace s3lam

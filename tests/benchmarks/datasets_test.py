@@ -203,11 +203,12 @@ class Fetching(TestWithFolder):
         write(self.folder / "in" / "raw", "a file in the way")
         with self.assertRaisesRegex(fetch.FetchFailed, "cannot unpack into .*/in: "):
             fetch.unpack(path, self.folder / "in")
-        content = bytearray(path.read_bytes())
-        content[len(content) // 2] ^= 255
-        path.write_bytes(content)
-        with self.assertRaisesRegex(fetch.FetchFailed, "broken archive"):
-            fetch.unpack(path, self.folder / "elsewhere")
+        content = path.read_bytes()
+        broken = content[:-20] + bytes(20)  # No checksum, and zeros where the data end.
+        for bad in (content[:len(content) // 2], broken, content[:20] + b"\xff" * 40):
+            path.write_bytes(bad)
+            with self.assertRaisesRegex(fetch.FetchFailed, "broken archive"):
+                fetch.unpack(path, self.folder / "elsewhere")
 
     def test_seven_scenes_has_archives_in_archives(self):
         sequence = self.folder / "raw" / "seq" / "seq-01"

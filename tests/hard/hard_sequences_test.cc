@@ -339,7 +339,7 @@ TEST_F(RollingShutter, IsNotSeenInAGlobalOne) {
       Run(Rendered().room.camera, frames, RollingShutterOptions::Mode::kCompensate);
   EXPECT_FALSE(result.report.rolling_shutter->is_seen);
   EXPECT_FALSE(result.report.rolling_shutter->is_compensated);
-  EXPECT_LT(result.report.rolling_shutter->cost_share, 0.005);
+  EXPECT_LT(result.report.rolling_shutter->cost_share, 0.0003);
 }
 
 /// With keyframes too far apart, what turns into view has no points to hold it.

@@ -104,7 +104,11 @@ TEST_F(SignalsOfReport, InterruptLeavesNoPartOfThePage) {
       {program.string(), "--quiet", "--run", (inputs_ / "run").string(), "--ground-truth",
        never_there.string(), "--output", (place / "page/report.html").string()},
       place / "errors");
-  while (Listing(place / "page").empty()) std::this_thread::sleep_for(kPoll);
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (Listing(place / "page").empty()) {
+    ASSERT_LT(std::chrono::steady_clock::now(), deadline) << testing::FileBytes(place / "errors");
+    std::this_thread::sleep_for(kPoll);
+  }
   running.Send(SIGINT);
   EXPECT_EQ(running.Wait(), 130);
   EXPECT_THAT(testing::FileBytes(place / "errors"), ::testing::HasSubstr("no partial output"));

@@ -53,15 +53,6 @@ TEST(FrameTrust, IsLittleWhereAFrameIsCutOff) {
   EXPECT_EQ(stretches.front().doubt, StretchReport::Doubt::kCutOff);
 }
 
-TEST(Report, CountsWhatIsInDoubt) {
-  std::vector<FrameReport> frames = MakeFrames({{6, 0, 1.0}, {2, -1, 0.0}});
-  EXPECT_EQ(ShareInDoubt(frames), 0.0);
-  frames[0].contradiction = 0.3;
-  frames[1].is_cut_off = true;
-  EXPECT_EQ(ShareInDoubt(frames), 0.25);
-  EXPECT_EQ(ShareInDoubt({}), 0.0);
-}
-
 TEST(Report, TellsAMapThatIsMostlyRefuted) {
   std::vector<FrameReport> frames = MakeFrames({{6, 0, 1.0}, {3, 1, 1.0}, {20, -1, 0.0}});
   EXPECT_FALSE(IsMostlyRefuted(frames));

@@ -81,5 +81,32 @@ TEST(Track, IsNotMisledByMatchesThatFitByChance) {
   EXPECT_GT(track.matches.size(), 1000U);
 }
 
+/// A place is told by most of what is there: the same door sign in another corridor is not one.
+TEST(Relocalize, WantsMoreOfWhatShouldBeVisibleThanChanceFinds) {
+  constexpr int kPoints = 900;
+  const Undistorter undistorter(testing::MakeTestCamera(CameraModel::kPinhole));
+  Rng rng(2);
+  const testing::PointCloud here = MakeMeadow(undistorter, kPoints);
+  for (const int in_common : {90, 270}) {
+    testing::PointCloud there = here;
+    for (size_t i = static_cast<size_t>(in_common); i < kPoints; ++i) {
+      there.descriptors[i] = testing::MakeDescriptor(rng);
+    }
+    std::vector<FrameFeatures> frames{testing::SeeCloud(here, {}, undistorter, 0.0, rng),
+                                      testing::SeeCloud(there, {}, undistorter, 0.5, rng)};
+    Map map(frames, FeatureOptions{});
+    const int keyframe = map.AddKeyframe(0, {});
+    for (int i = 0; i < frames[0].size(); ++i) {
+      const int point = map.AddPoint(here.points[static_cast<size_t>(i)], keyframe);
+      map.AddObservation(point, {keyframe, i});
+      map.UpdateAppearance(point);
+      map.UpdateGeometry(point);
+    }
+    const TrackerOptions options;
+    const FrameTrack track = Tracker(options, undistorter).Relocalize(map, 1, keyframe);
+    EXPECT_EQ(track.tracked, in_common == 270) << in_common;
+  }
+}
+
 }  // namespace
 }  // namespace s3lam

@@ -92,7 +92,8 @@ class FrameFeatures {
   void BuildGrid(const Undistorter& undistorter);
   /// Undistorts all keypoints anew, for a camera that was refined.
   void Undistort(const Undistorter& undistorter);
-  /// Corrects a keypoint's place by a fraction of a pixel (the grid stays as it is).
+  /// Corrects a keypoint's place; the grid stays as it is: not for VisitNear, but by a fraction of
+  /// a pixel.
   void Move(int i, const Eigen::Vector2d& pixel, const Eigen::Vector2d& undistorted, double sigma);
   void SetSigma(int i, double sigma) { keypoints_[i].sigma = static_cast<float>(sigma); }
 

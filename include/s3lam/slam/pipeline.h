@@ -95,8 +95,8 @@ struct Result {
 ///   ways; start over where that gets lost for good -> merge maps that meet -> map again
 ///   from elsewhere where two views refute the map, its loops closed -> close loops ->
 ///   match again and align, adjusting in between -> refine the camera -> adjust with the noise that
-///   aligned keypoints have -> localise every frame in the final maps -> look for a rolling shutter, and
-///   correct for it if asked to -> export.
+///   aligned keypoints have -> localise every frame in the final maps -> look for a rolling
+///   shutter, and correct for it if asked to -> export.
 /// Throws InputError if no map can be started or images do not fit the camera.
 Result Run(const Options& options, const Input& input);
 

@@ -128,9 +128,6 @@ double FrameTrust(const FrameReport& frame);
 /// Do two views refute the first map in most of its frames?
 bool IsMostlyRefuted(const std::vector<FrameReport>& frames);
 
-/// Of all frames, those that are refuted or cut off.
-double ShareInDoubt(const std::vector<FrameReport>& frames);
-
 /// Cuts the sequence where the map changes, and where the trust crosses one half for more than a
 /// few frames, or so far that these would belie what is said of those around them.
 std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames);

@@ -88,11 +88,12 @@ ReadoutFits FitReadout(const Undistorter& undistorter, const std::vector<Localiz
 /// Moves keypoints to where a global shutter would have put them.
 class ShutterCorrection {
  public:
-  /// `frames`: of the sequence, their keypoints where they were found.
+  /// The first so many frames, with their keypoints where they were found.
   ShutterCorrection(const Map& map, size_t num_frames);
 
-  /// From where they were found; keypoints without a point are taken for as far away as the median
-  /// one. Frames without a motion stay as they are.
+  /// From where they were found, whatever was applied before; keypoints without a point are taken
+  /// for as far away as the median one. Those of frames without a motion are left where they were
+  /// found.
   void Apply(const Readout& readout, const Undistorter& undistorter,
              const std::vector<FrameTrack>& localized,
              const std::vector<std::optional<FrameMotion>>& motions, Map& map) const;
@@ -102,6 +103,13 @@ class ShutterCorrection {
     Eigen::Vector2f pixel;
     Eigen::Vector2f undistorted;
   };
+  /// Empty where no camera has the pixel.
+  [[nodiscard]] static std::optional<Place> Correct(const Place& found, double depth,
+                                                    const Readout& readout,
+                                                    const Undistorter& undistorter,
+                                                    const Rigid3& cam_from_world,
+                                                    const FrameMotion& motion);
+
   std::vector<std::vector<Place>> places_;  // By frame, by keypoint.
 };
 

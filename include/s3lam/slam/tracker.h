@@ -51,7 +51,7 @@ class Tracker {
                    const Rigid3& predicted) const;
 
   /// Finds a frame by descriptors alone against the points of one keyframe, then as above. Tracked
-  /// only if a quarter of what should be visible there is.
+  /// only if more of what should be visible is there than chance would find.
   FrameTrack Relocalize(const Map& map, int frame, int keyframe) const;
 
   /// Matches the local map around a pose that is nearly right.

@@ -40,6 +40,8 @@ std::vector<TwoViewCheck> CheckTwoViews(const TwoViewCheckOptions& options, cons
 /// In [0, 1]: how surely a contradiction tells that a map is wrong. Those of right maps stay below
 /// a quarter of what refutes for sure.
 double Refutation(double contradiction);
+/// From here on it is taken for wrong.
+inline constexpr double kRefuted = 0.5;
 
 /// Per frame of the sequence, the largest contradiction of the pairs that lie around it, or 0.
 std::vector<double> ContradictionOfFrames(const std::vector<TwoViewCheck>& checks,
