@@ -196,7 +196,7 @@ std::string Table(const slam::Report& report, size_t num_left_out, const std::st
                          1e3 * report.rolling_shutter->readout_s,
                          ShutterDirectionName(report.rolling_shutter->direction));
   } else if (report.rolling_shutter && report.rolling_shutter->is_seen) {
-    table += fmt::format("rolling shutter     seen: {:.1f} ms or more\n",
+    table += fmt::format("rolling shutter     seen: about {:.1f} ms, not corrected\n",
                          1e3 * report.rolling_shutter->readout_s);
   }
   for (size_t m = 1; m < report.maps.size(); ++m) {

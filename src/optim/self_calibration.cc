@@ -47,6 +47,24 @@ struct ReprojectionError {
   }
 };
 
+/// The same with the camera held, and what a readout time adds.
+struct ReadoutError {
+  ReprojectionError reprojection;
+  std::array<double, kMaxParams> params;
+  Eigen::Vector2d per_readout;
+
+  template <typename T>
+  bool operator()(const T* pose, const T* point, const T* readout, T* residual) const {
+    std::array<T, kMaxParams> camera;
+    for (size_t i = 0; i < camera.size(); ++i) camera[i] = T(params[i]);
+    if (!reprojection(pose, point, camera.data(), residual)) return false;
+    for (int i = 0; i < 2; ++i) {
+      residual[i] += readout[0] * T(reprojection.inverse_sigma * per_readout[i]);
+    }
+    return true;
+  }
+};
+
 /// Points with the longest tracks, of a least length, until there are enough observations, and more
 /// of them for poses that have few of those: where a camera stands still, tracks are long and say
 /// little. True per chosen point.
@@ -96,11 +114,18 @@ struct CameraPrior {
   }
 };
 
+/// Of all poses and points, and of what all observations have in common: the camera, or the readout
+/// time of its shutter.
 class Adjustment {
  public:
+  enum class Shared { kCamera, kReadout };
   Adjustment(const SelfCalibrationOptions& options, const Camera& camera,
-             const CalibrationProblem& input, int min_length)
-      : options_(options), camera_(camera), points_(input.points), poses_(input.poses.size()) {
+             const CalibrationProblem& input, int min_length, Shared shared = Shared::kCamera)
+      : options_(options),
+        shared_(shared),
+        camera_(camera),
+        points_(input.points),
+        poses_(input.poses.size()) {
     for (size_t i = 0; i < poses_.size(); ++i) {
       const Eigen::Vector3d& t = input.poses[i].translation;
       poses_[i] = {0.0, 0.0, 0.0, t.x(), t.y(), t.z()};
@@ -110,11 +135,11 @@ class Adjustment {
       const Rigid3& pose = input.poses[o.pose];
       if (chosen[o.point] == 0 || (pose * input.points[o.point]).z() <= 1e-6) continue;
       problem_.AddResidualBlock(MakeCost(o, pose), &loss_, poses_[o.pose].data(),
-                                points_[o.point].data(), camera_.params.data());
+                                points_[o.point].data(), SharedParams());
     }
   }
 
-  /// Sigma of the camera's first parameter over all others, which are free as well; empty if the
+  /// Sigma of the first shared parameter over all others, which are free as well; empty if the
   /// normal equations cannot be solved.
   std::optional<double> SigmaOfFirstParam() {
     ceres::Problem::EvaluateOptions evaluate;
@@ -125,7 +150,7 @@ class Adjustment {
     for (auto& pose : poses_) {
       if (problem_.HasParameterBlock(pose.data())) evaluate.parameter_blocks.push_back(pose.data());
     }
-    evaluate.parameter_blocks.push_back(camera_.params.data());
+    evaluate.parameter_blocks.push_back(SharedParams());
     ceres::CRSMatrix crs;
     if (!problem_.Evaluate(evaluate, nullptr, nullptr, nullptr, &crs)) return std::nullopt;
     using Sparse = Eigen::SparseMatrix<double>;
@@ -138,7 +163,7 @@ class Adjustment {
     for (int i = 0; i < crs.num_cols; ++i) normal.coeffRef(i, i) += kGaugeDamping * diagonal[i];
     const Eigen::SimplicialLDLT<Sparse> factor(normal);
     if (factor.info() != Eigen::Success) return std::nullopt;
-    const int first = crs.num_cols - static_cast<int>(camera_.params.size());
+    const int first = crs.num_cols - problem_.ParameterBlockTangentSize(SharedParams());
     Eigen::VectorXd unit = Eigen::VectorXd::Zero(crs.num_cols);
     unit[first] = 1.0;
     const double variance = factor.solve(unit)[first];
@@ -177,6 +202,11 @@ class Adjustment {
 
   [[nodiscard]] bool empty() const { return problem_.NumResidualBlocks() == 0; }
   [[nodiscard]] const Camera& camera() const { return camera_; }
+  [[nodiscard]] double readout() const { return readout_; }
+  void FreeReadout(bool is_free) {
+    if (is_free) return problem_.SetParameterBlockVariable(&readout_);
+    problem_.SetParameterBlockConstant(&readout_);
+  }
 
   /// Lets only these parameters of the camera vary; none: holds it and, for the gauge, the first
   /// pose.
@@ -222,7 +252,7 @@ class Adjustment {
     solver.linear_solver_type = ceres::DENSE_SCHUR;
     if (poses_.size() > 250) solver.linear_solver_type = ceres::SPARSE_SCHUR;
     solver.max_num_iterations = options_.max_iterations;
-    solver.function_tolerance = 1e-5;
+    solver.function_tolerance = 1e-7;
     solver.num_threads = 1;  // The same bytes every time.
     solver.logging_type = ceres::SILENT;
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
@@ -234,7 +264,7 @@ class Adjustment {
     }
     // Ceres orders the blocks of a group by their addresses, of which only those of one vector are
     // in the same order every time.
-    ordering->AddElementToGroup(camera_.params.data(), 2);
+    ordering->AddElementToGroup(SharedParams(), 2);
     solver.linear_solver_ordering = ordering;
     std::string error;
     S3LAM_CHECK_MSG(solver.IsValid(&error), "{}", error);
@@ -247,8 +277,14 @@ class Adjustment {
  private:
   [[nodiscard]] ceres::CostFunction* MakeCost(const CalibrationProblem::Observation& o,
                                               const Rigid3& pose) const {
-    auto* error = new ReprojectionError{camera_.model, pose.rotation.toRotationMatrix(), o.pixel,
-                                        o.inverse_sigma};
+    const ReprojectionError reprojection{camera_.model, pose.rotation.toRotationMatrix(), o.pixel,
+                                         o.inverse_sigma};
+    if (shared_ == Shared::kReadout) {
+      auto* error = new ReadoutError{reprojection, {}, o.per_readout};
+      std::copy(camera_.params.begin(), camera_.params.end(), error->params.begin());
+      return new ceres::AutoDiffCostFunction<ReadoutError, 2, 6, 3, 1>(error);
+    }
+    auto* error = new ReprojectionError(reprojection);
     switch (camera_.params.size()) {
       case 4:
         return new ceres::AutoDiffCostFunction<ReprojectionError, 2, 6, 3, 4>(error);
@@ -268,8 +304,14 @@ class Adjustment {
     return nullptr;
   }
 
+  [[nodiscard]] double* SharedParams() {
+    return shared_ == Shared::kCamera ? camera_.params.data() : &readout_;
+  }
+
   const SelfCalibrationOptions& options_;
+  Shared shared_;
   Camera camera_;
+  double readout_ = 0.0;  // [s]
   std::vector<Eigen::Vector3d> points_;
   std::vector<std::array<double, 6>> poses_;
   static ceres::Problem::Options BorrowingLoss() {
@@ -405,6 +447,21 @@ std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& o
   refinement.poses = adjustment.Poses(problem.poses);
   refinement.points = adjustment.points();
   return refinement;
+}
+
+std::optional<ReadoutRefinement> RefineReadout(const SelfCalibrationOptions& options,
+                                               const Camera& camera,
+                                               const CalibrationProblem& problem) {
+  Adjustment adjustment(options, camera, problem, /*min_length=*/3, Adjustment::Shared::kReadout);
+  if (adjustment.empty()) return std::nullopt;
+  adjustment.FreeReadout(false);
+  const auto held = adjustment.Solve();
+  if (!held || held->cost <= 0.0) return std::nullopt;
+  adjustment.FreeReadout(true);
+  const auto refined = adjustment.Solve();
+  const auto sigma = refined ? adjustment.SigmaOfFirstParam() : std::nullopt;
+  if (!sigma) return std::nullopt;
+  return ReadoutRefinement{adjustment.readout(), *sigma, 1.0 - refined->cost / held->cost};
 }
 
 double FocalSigmaBetweenParts(const SelfCalibrationOptions& options, const Camera& camera,

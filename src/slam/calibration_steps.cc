@@ -82,6 +82,22 @@ void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
   AdjustMaps(options, maps);
 }
 
+void Calibrate(const Options& options, const Input& input, RunState& state) {
+  if (!input.focal_prior) {
+    return Recalibrate(options, state.frames, state.undistorter, state.maps, state.report);
+  }
+  RefineCamera(options, *input.focal_prior, state.frames, state.undistorter, state.maps,
+               *state.report.focal);
+  state.report.focal->parts_sigma =
+      FocalSigmaBetweenParts(options.self_calibration, state.undistorter.camera(),
+                             *input.focal_prior, MakeCalibrationProblem(state.maps.front()->map()));
+}
+
+void AdjustFinally(const Options& options, const Undistorter& undistorter, const Submaps& maps) {
+  if (!options.second_pass.patches.enabled) return AdjustMaps(options, maps);
+  AdjustAligned(options, undistorter, maps);
+}
+
 void AdjustAligned(const Options& options, const Undistorter& undistorter, const Submaps& maps) {
   if (!options.second_pass.patches.enabled) return;
   const AlignmentNoiseOptions& noise = options.second_pass.noise;

@@ -24,6 +24,13 @@ void RefineCamera(const Options& options, const FocalPrior& prior,
 void Recalibrate(const Options& options, std::vector<FrameFeatures>& frames,
                  Undistorter& undistorter, const Submaps& maps, Report& report);
 
+/// What is left to be found of the camera, when the maps are done: all of one that is not known,
+/// else the lens distortion, see Recalibrate.
+void Calibrate(const Options& options, const Input& input, RunState& state);
+
+/// As AdjustAligned, or as AdjustMaps where observations are not aligned.
+void AdjustFinally(const Options& options, const Undistorter& undistorter, const Submaps& maps);
+
 /// Adjusts maps whose observations are aligned, with the noise that these turn out to have, until
 /// no outlier is left. Not before the camera is refined: what is wrong with it must not count as
 /// one.

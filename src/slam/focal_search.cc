@@ -209,7 +209,7 @@ bool IsBelievable(const CameraRefinement& refinement, const FocalPrior& prior) {
          std::abs(std::log(focal / prior.focal)) <= kNearPriorSigmas * prior.relative_sigma;
 }
 
-CalibrationProblem MakeCalibrationProblem(const Map& map) {
+CalibrationProblem MakeCalibrationProblem(const Map& map, const PerReadout& per_readout) {
   CalibrationProblem problem;
   std::vector<int> pose_of_keyframe(static_cast<size_t>(map.num_keyframes()), kNoIndex);
   for (int k = 0; k < map.num_keyframes(); ++k) {
@@ -224,6 +224,7 @@ CalibrationProblem MakeCalibrationProblem(const Map& map) {
       problem.observations.push_back({pose_of_keyframe[o.keyframe],
                                       static_cast<int>(problem.points.size()),
                                       keypoint.pixel.cast<double>(), 1.0 / keypoint.sigma});
+      if (per_readout) problem.observations.back().per_readout = per_readout(o, map.point(p));
     }
     problem.points.push_back(map.point(p).position);
   }

@@ -7,6 +7,13 @@
 namespace s3lam::slam {
 namespace {
 
+/// kNoIndex for frames that are none.
+std::vector<int> KeyframeOfFrames(const Map& map, size_t num_frames) {
+  std::vector<int> keyframe_of_frame(num_frames, kNoIndex);
+  for (const int k : map.AliveKeyframes()) keyframe_of_frame[map.keyframe(k).frame] = k;
+  return keyframe_of_frame;
+}
+
 /// Poses of the frames in a final map: keyframes as they are, others refined against it, by patches
 /// too where keyframes are. Frames that belong to another map stay there.
 std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& input,
@@ -14,8 +21,7 @@ std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& inpu
                                        const std::vector<uint8_t>& belongs_elsewhere) {
   Map& map = builder.map();
   const std::vector<FrameTrack>& tracks = builder.tracks();
-  std::vector<int> keyframe_of_frame(tracks.size(), kNoIndex);
-  for (const int k : map.AliveKeyframes()) keyframe_of_frame[map.keyframe(k).frame] = k;
+  const std::vector<int> keyframe_of_frame = KeyframeOfFrames(map, tracks.size());
   const FrameLocalizer localizer(builder.tracker(), map, tracks, keyframe_of_frame);
   const int read_threads = input.concurrent_reads ? options.num_threads : 1;
   std::optional<PatchPass> pass;
@@ -42,7 +48,31 @@ std::vector<FrameTrack> LocalizeFrames(const Options& options, const Input& inpu
   return localized;
 }
 
+void RefineFrames(const Options& options, MapBuilder& builder, std::vector<FrameTrack>& localized) {
+  const Map& map = builder.map();
+  const std::vector<int> keyframe_of_frame = KeyframeOfFrames(map, localized.size());
+  ParallelFor(localized.size(), options.num_threads, [&](size_t i) {
+    FrameTrack& track = localized[i];
+    if (!track.tracked) return;
+    if (const int k = keyframe_of_frame[i]; k != kNoIndex) {
+      track.cam_from_world = map.keyframe(k).cam_from_world;
+      track.matches = map.MatchesOf(k);
+      return;
+    }
+    std::erase_if(track.matches,
+                  [&](const PointMatch& match) { return !map.point(match.point).alive; });
+    const int num_inliers =
+        builder.tracker().Refine(map, static_cast<int>(i), track.cam_from_world, track.matches);
+    if (num_inliers < options.min_localization_inliers) track = {};
+  });
+}
+
 }  // namespace
+
+void RefineInMaps(const Options& options, const Submaps& maps,
+                  std::vector<std::vector<FrameTrack>>& localized) {
+  for (size_t m = 0; m < maps.size(); ++m) RefineFrames(options, *maps[m], localized[m]);
+}
 
 void EraseWeakKeyframes(const Options& options, const Submaps& maps) {
   for (const auto& builder : maps) {

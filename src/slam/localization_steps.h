@@ -14,4 +14,9 @@ std::vector<std::vector<FrameTrack>> LocalizeInMaps(const Options& options, cons
                                                     const Undistorter& undistorter,
                                                     const Submaps& maps, size_t num_frames);
 
+/// Refines the poses of all frames of LocalizeInMaps in the maps as they are now, with the points
+/// that are left of what they saw: keyframes are where they are.
+void RefineInMaps(const Options& options, const Submaps& maps,
+                  std::vector<std::vector<FrameTrack>>& localized);
+
 }  // namespace s3lam::slam

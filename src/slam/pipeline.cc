@@ -293,6 +293,8 @@ Result Run(const Options& given, const Input& input) {
     MapUntilCameraStays(options, *input.focal_prior, make_builder, *vocabulary, steps, state);
   }
   const Submaps& maps = state.maps;
+  // What a rolling shutter does passes for a lens distortion, too: it comes first.
+  const bool compensates = options.rolling_shutter.mode == RollingShutterOptions::Mode::kCompensate;
   for (size_t m = 0; m < maps.size(); ++m) {
     MapBuilder& builder = *maps[m];
     steps.Do([&] {
@@ -304,15 +306,7 @@ Result Run(const Options& given, const Input& input) {
   }
   steps.Do([&] {
     const ScopedStep step(seconds, "self-calibration");
-    if (input.focal_prior) {
-      RefineCamera(options, *input.focal_prior, state.frames, state.undistorter, maps,
-                   *state.report.focal);
-      state.report.focal->parts_sigma =
-          FocalSigmaBetweenParts(options.self_calibration, state.undistorter.camera(),
-                                 *input.focal_prior, MakeCalibrationProblem(maps.front()->map()));
-    } else {
-      Recalibrate(options, state.frames, state.undistorter, maps, state.report);
-    }
+    if (!compensates) Calibrate(options, input, state);
   });
   steps.Do([&] {
     const ScopedStep step(seconds, "global bundle adjustment");
@@ -327,6 +321,12 @@ Result Run(const Options& given, const Input& input) {
   {
     const ScopedStep step(seconds, "rolling shutter");
     HandleRollingShutter(options, input, state.undistorter, maps, localized, state.report);
+    if (compensates) {
+      Calibrate(options, input, state);
+      AdjustFinally(options, state.undistorter, maps);
+      EraseWeakKeyframes(options, maps);
+      RefineInMaps(options, maps, localized);
+    }
   }
   std::vector<TwoViewVerdict> verdicts;
   {

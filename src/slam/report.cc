@@ -249,12 +249,10 @@ std::vector<StretchReport> FindStretches(const std::vector<FrameReport>& frames)
 }
 
 nlohmann::json ToJson(const RollingShutterReport& shutter) {
-  return {{"seen", shutter.is_seen},
-          {"compensated", shutter.is_compensated},
-          {"cost_share", shutter.cost_share},
-          {shutter.is_compensated ? "readout_s" : "least_readout_s", shutter.readout_s},
-          {"sigma_s", shutter.sigma_s},
-          {"direction", ShutterDirectionName(shutter.direction)}};
+  return {
+      {"seen", shutter.is_seen},          {"compensated", shutter.is_compensated},
+      {"cost_share", shutter.cost_share}, {"readout_s", shutter.readout_s},
+      {"sigma_s", shutter.sigma_s},       {"direction", ShutterDirectionName(shutter.direction)}};
 }
 
 nlohmann::json ToJson(const Report& report) {

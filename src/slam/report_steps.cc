@@ -62,9 +62,11 @@ void AddFrames(const Undistorter& undistorter, const Map& map, int model,
   for (const int k : map.AliveKeyframes()) report.frames[map.keyframe(k).frame].is_keyframe = true;
 }
 
-/// A map that is wrong asks for another camera as well: only of a right one it says something.
+/// A map that is wrong asks for another camera as well, and so does a rolling shutter.
 void TellOfBetterPinhole(Report& report) {
-  if (IsMostlyRefuted(report.frames)) report.better_pinhole.clear();
+  const auto& shutter = report.rolling_shutter;
+  const bool rolls = shutter && shutter->is_seen && !shutter->is_compensated;
+  if (rolls || IsMostlyRefuted(report.frames)) report.better_pinhole.clear();
   if (report.better_pinhole.empty()) return;
   spdlog::warn(
       "is this the calibration of the camera, and the map right? {}; --camera auto finds a "
@@ -72,16 +74,14 @@ void TellOfBetterPinhole(Report& report) {
       DescribeBetterPinhole(report.better_pinhole, report.pinhole_cost_share));
 }
 
-/// Of a wrong map it says as little.
-void TellOfRollingShutter(Report& report) {
-  if (!report.rolling_shutter || report.rolling_shutter->is_compensated) return;
-  RollingShutterReport& shutter = *report.rolling_shutter;
-  shutter.is_seen = shutter.is_seen && !IsMostlyRefuted(report.frames);
-  if (!shutter.is_seen) return;
+/// A map may be wrong because of it: it is told of wrong ones, too.
+void TellOfRollingShutter(const Report& report) {
+  const auto& shutter = report.rolling_shutter;
+  if (!shutter || !shutter->is_seen || shutter->is_compensated) return;
   spdlog::warn(
-      "the images were taken by a rolling shutter (of {:.0f} ms or more), which bends the map a "
-      "little: --set rolling_shutter.mode=compensate corrects for it",
-      1e3 * shutter.readout_s);
+      "the images were taken by a rolling shutter (of about {:.0f} ms), which bends the map: "
+      "--set rolling_shutter.mode=compensate corrects for it",
+      1e3 * shutter->readout_s);
 }
 
 void TellOfDoubt(const Options& options, const std::vector<TwoViewVerdict>& verdicts) {

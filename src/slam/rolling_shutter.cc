@@ -6,6 +6,7 @@
 
 #include "s3lam/base/statistics.h"
 #include "s3lam/slam/export.h"
+#include "s3lam/slam/focal_search.h"
 
 namespace s3lam {
 namespace {
@@ -189,6 +190,25 @@ ReadoutFits FitReadout(const Undistorter& undistorter, const std::vector<Localiz
     }
   }
   return {FitAxis(keyframes, 0), FitAxis(keyframes, 1)};
+}
+
+CalibrationProblem MakeReadoutProblem(const Undistorter& undistorter,
+                                      const LocalizedMap& localized_map,
+                                      const Eigen::Vector2d& axis) {
+  constexpr double kStepS = 1e-3;
+  const Map& map = localized_map.map;
+  const Camera& camera = undistorter.camera();
+  return MakeCalibrationProblem(map, [&](const MapObservation& o, const MapPoint& point) {
+    const auto& motion = localized_map.motions[map.keyframe(o.keyframe).frame];
+    Eigen::Vector2d per_readout = Eigen::Vector2d::Zero();
+    if (!motion) return per_readout;
+    const auto before = camera.ImageFromCamera(motion->PointAfter(-kStepS, point.position));
+    const auto after = camera.ImageFromCamera(motion->PointAfter(kStepS, point.position));
+    if (!before || !after) return per_readout;
+    const double share = axis.dot(FromMiddle(camera, map.keypoint(o).pixel));
+    per_readout = share * (*after - *before) / (2.0 * kStepS);
+    return per_readout;
+  });
 }
 
 ShutterCorrection::ShutterCorrection(const Map& map, size_t num_frames) : places_(num_frames) {

@@ -12,55 +12,14 @@
 namespace s3lam::slam {
 namespace {
 
-/// On real and rendered sequences, global shutters came to less than a tenth of it.
-constexpr double kSeenCostShare = 0.003;
-constexpr double kSeenSigmas = 3.0;
-constexpr int kMaxRounds = 6;
+/// With points held; below it no more is tried. Global shutters, real and rendered, came to less
+/// than a tenth of it.
+constexpr double kLikelyCostShare = 0.003;
+constexpr double kSeenCostShare = 0.01;  // With poses and points free.
+constexpr double kSeenSigmas = 5.0;
+constexpr int kMaxRounds = 6;      // Each with the motion that the last one has corrected.
+constexpr int kPassesBetween = 2;  // As long as the motion is that without it, it hides itself.
 constexpr double kSettledChange = 0.02;  // Of the readout time, from round to round.
-/// Part of what is left of the readout time that points, once adjusted, still let be seen.
-constexpr double kMinResponse = 0.03;
-
-bool IsSeen(const ReadoutFit& fit) {
-  return fit.cost_share >= kSeenCostShare && std::abs(fit.seconds) >= kSeenSigmas * fit.sigma_s;
-}
-
-/// The readout time at which nothing more of it is asked for. What is asked for falls in proportion
-/// to what is missing, by a factor that depends on the motion.
-class ReadoutSearch {
- public:
-  explicit ReadoutSearch(double max_readout_s) : max_readout_s_(max_readout_s) {}
-
-  /// The next readout time along the axis to adjust with, from what is asked for beyond the one
-  /// before; empty if what was asked for did not answer to it.
-  std::optional<double> Next(double asked_s) {
-    double step = asked_s;  // At the start: too short, for points have explained some of it away.
-    if (has_last_) {
-      response_ = (last_asked_s_ - asked_s) / last_step_s_;
-      if (!(response_ > kMinResponse)) return std::nullopt;
-      step = asked_s / response_;
-    }
-    const double next = std::clamp(readout_s_ + step, -max_readout_s_, max_readout_s_);
-    last_step_s_ = next - readout_s_;
-    last_asked_s_ = asked_s;
-    has_last_ = true;
-    readout_s_ = next;
-    return next;
-  }
-  [[nodiscard]] bool IsSettled() const {
-    return has_last_ && std::abs(last_step_s_) <= kSettledChange * std::abs(readout_s_) &&
-           std::abs(readout_s_) < max_readout_s_;
-  }
-  /// Of what is asked for to what is missing.
-  [[nodiscard]] double response() const { return response_; }
-
- private:
-  double max_readout_s_;
-  double readout_s_ = 0.0;
-  bool has_last_ = false;
-  double last_step_s_ = 0.0;
-  double last_asked_s_ = 0.0;
-  double response_ = 1.0;
-};
 
 class Compensation {
  public:
@@ -82,25 +41,22 @@ class Compensation {
     return FitReadout(undistorter_, maps);
   }
 
+  /// The readout time along an axis beyond what is corrected, by the largest map.
+  [[nodiscard]] std::optional<ReadoutRefinement> Refine(const Eigen::Vector2d& axis) const {
+    const LocalizedMap map{maps_.front()->map(), localized_.front(), motions_.front()};
+    return RefineReadout(options_.self_calibration, undistorter_.camera(),
+                         MakeReadoutProblem(undistorter_, map, axis));
+  }
+
   /// Corrects by this readout time, and adjusts everything.
   void Correct(const Readout& readout) {
     if (!correction_) correction_.emplace(maps_.front()->map(), input_.names.size());
     for (size_t m = 0; m < maps_.size(); ++m) {
       correction_->Apply(readout, undistorter_, localized_[m], motions_[m], maps_[m]->map());
     }
-    if (options_.second_pass.patches.enabled) {
-      AdjustAligned(options_, undistorter_, maps_);
-    } else {
-      AdjustMaps(options_, maps_);
-    }
-    for (size_t m = 0; m < maps_.size(); ++m) RefinePoses(*maps_[m], localized_[m]);
+    AdjustFinally(options_, undistorter_, maps_);
+    RefineInMaps(options_, maps_, localized_);
     FindMotionsInMaps();
-  }
-
-  /// After the last correction: keyframes that lost too many of their points are none.
-  void Finish() {
-    EraseWeakKeyframes(options_, maps_);
-    for (size_t m = 0; m < maps_.size(); ++m) RefinePoses(*maps_[m], localized_[m]);
   }
 
  private:
@@ -109,27 +65,6 @@ class Compensation {
     for (const auto& localized : localized_) {
       motions_.push_back(FindMotions(input_.times_s, localized));
     }
-  }
-
-  /// Of all frames in the map as it is now: keyframes are where they are.
-  void RefinePoses(MapBuilder& builder, std::vector<FrameTrack>& localized) const {
-    const Map& map = builder.map();
-    std::vector<int> keyframe_of_frame(localized.size(), kNoIndex);
-    for (const int k : map.AliveKeyframes()) keyframe_of_frame[map.keyframe(k).frame] = k;
-    ParallelFor(localized.size(), options_.num_threads, [&](size_t i) {
-      FrameTrack& track = localized[i];
-      if (!track.tracked) return;
-      if (const int k = keyframe_of_frame[i]; k != kNoIndex) {
-        track.cam_from_world = map.keyframe(k).cam_from_world;
-        track.matches = map.MatchesOf(k);
-        return;
-      }
-      std::erase_if(track.matches,
-                    [&](const PointMatch& match) { return !map.point(match.point).alive; });
-      const int num_inliers =
-          builder.tracker().Refine(map, static_cast<int>(i), track.cam_from_world, track.matches);
-      if (num_inliers < options_.min_localization_inliers) track = {};
-    });
   }
 
   const Options& options_;
@@ -141,33 +76,51 @@ class Compensation {
   std::optional<ShutterCorrection> correction_;                   // From the first correction on.
 };
 
+/// Returns the axis of the image along which a shutter is most likely a rolling one.
+Eigen::Vector2d LookForShutter(const Compensation& compensation, RollingShutterReport& report) {
+  const ReadoutFits fits = compensation.Fit();
+  const bool along_x = fits.right.cost_share > fits.down.cost_share;
+  const Eigen::Vector2d axis = along_x ? Eigen::Vector2d::UnitX() : Eigen::Vector2d::UnitY();
+  report.cost_share = std::max(fits.right.cost_share, fits.down.cost_share);
+  if (report.cost_share < kLikelyCostShare) return axis;
+  const auto refined = compensation.Refine(axis);
+  if (!refined) return axis;
+  report.cost_share = refined->cost_decrease;
+  report.readout_s = std::abs(refined->readout_s);
+  report.sigma_s = refined->sigma_s;
+  report.direction = DirectionOf(refined->readout_s * axis);
+  report.is_seen =
+      report.cost_share >= kSeenCostShare && report.readout_s >= kSeenSigmas * report.sigma_s;
+  return axis;
+}
+
 void CorrectByKnown(const RollingShutterOptions& options, Compensation& compensation,
                     RollingShutterReport& report) {
-  constexpr int kRounds = 2;  // The second with motions that the first has corrected.
   const Readout readout = MakeReadout(options.readout_s, options.direction);
-  for (int round = 0; round < kRounds; ++round) compensation.Correct(readout);
+  for (int round = 0; round < kMaxRounds; ++round) compensation.Correct(readout);
   report.readout_s = options.readout_s;
   report.sigma_s = 0.0;
   report.direction = options.direction;
   report.is_compensated = true;
 }
 
-void CorrectByEstimated(bool along_x, double max_readout_s, Compensation& compensation,
-                        RollingShutterReport& report) {
-  const Eigen::Vector2d axis = along_x ? Eigen::Vector2d::UnitX() : Eigen::Vector2d::UnitY();
-  ReadoutSearch search(max_readout_s);
-  for (int round = 0; round < kMaxRounds && !search.IsSettled(); ++round) {
-    const ReadoutFits fits = compensation.Fit();
-    const ReadoutFit& fit = along_x ? fits.right : fits.down;
-    const auto readout_s = search.Next(fit.seconds);
-    if (!readout_s) break;
-    report.readout_s = std::abs(*readout_s);
-    report.sigma_s = fit.sigma_s / search.response();
-    report.direction = DirectionOf(*readout_s * axis);
+void CorrectByEstimated(const Eigen::Vector2d& axis, double max_readout_s,
+                        Compensation& compensation, RollingShutterReport& report) {
+  double readout_s = 0.0;
+  bool is_settled = false;
+  for (int round = 0; round < kMaxRounds && !is_settled; ++round) {
+    const auto refined = compensation.Refine(axis);
+    if (!refined) break;
+    const double next = std::clamp(readout_s + refined->readout_s, -max_readout_s, max_readout_s);
+    is_settled = std::abs(refined->readout_s) <= kSettledChange * std::abs(next);
+    readout_s = next;
+    report.readout_s = std::abs(readout_s);
+    report.sigma_s = refined->sigma_s;
+    report.direction = DirectionOf(readout_s * axis);
     report.is_compensated = true;
-    compensation.Correct(*readout_s * axis);
+    for (int pass = 0; pass < kPassesBetween; ++pass) compensation.Correct(readout_s * axis);
   }
-  if (search.IsSettled()) return;
+  if (is_settled) return;
   spdlog::warn(
       "the readout time of the rolling shutter does not settle: what is corrected is {:.1f} ms; "
       "give rolling_shutter.readout_s",
@@ -181,28 +134,19 @@ void HandleRollingShutter(const Options& options, const Input& input,
                           std::vector<std::vector<FrameTrack>>& localized, Report& report) {
   const RollingShutterOptions& shutter = options.rolling_shutter;
   if (shutter.mode == RollingShutterOptions::Mode::kOff) return;
-  const double interval_s = MedianStep(input.times_s);
   Compensation compensation(options, input, undistorter, maps, localized);
-  const ReadoutFits fits = compensation.Fit();
-  const bool along_x = fits.right.cost_share > fits.down.cost_share;
-  const ReadoutFit& fit = along_x ? fits.right : fits.down;
   RollingShutterReport& result = report.rolling_shutter.emplace();
-  result.is_seen = IsSeen(fit);
-  result.cost_share = fit.cost_share;
-  result.readout_s = std::abs(fit.seconds);
-  result.sigma_s = fit.sigma_s;
-  result.direction = DirectionOf(along_x ? Readout{fit.seconds, 0.0} : Readout{0.0, fit.seconds});
+  const Eigen::Vector2d axis = LookForShutter(compensation, result);
   if (shutter.mode == RollingShutterOptions::Mode::kCompensate) {
     if (shutter.readout_s > 0.0) {
       CorrectByKnown(shutter, compensation, result);
     } else if (result.is_seen) {
-      CorrectByEstimated(along_x, interval_s, compensation, result);
+      CorrectByEstimated(axis, MedianStep(input.times_s), compensation, result);
     } else {
       spdlog::info("no rolling shutter is seen");
     }
   }
   if (result.is_compensated) {
-    compensation.Finish();
     spdlog::info("corrected for a rolling shutter of {:.1f} ms ({})", 1e3 * result.readout_s,
                  ShutterDirectionName(result.direction));
   }

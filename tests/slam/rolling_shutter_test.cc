@@ -168,6 +168,17 @@ TEST_P(RollingShutterTest, IsMeasuredAlongItsAxis) {
   EXPECT_LT(other.cost_share, 0.5 * fit.cost_share);
 }
 
+TEST_P(RollingShutterTest, IsFoundWithPosesAndPointsFree) {
+  const Eigen::Vector2d axis = readout().cwiseAbs() / kReadout;
+  const auto refined = RefineReadout({}, undistorter_.camera(),
+                                     MakeReadoutProblem(undistorter_, localized_map(), axis));
+  ASSERT_TRUE(refined.has_value());
+  EXPECT_NEAR(refined->readout_s, readout().sum(), 0.04 * kReadout);
+  EXPECT_GT(refined->sigma_s, 0.0);
+  EXPECT_GT(refined->cost_decrease, 0.9);
+  EXPECT_FALSE(RefineReadout({}, undistorter_.camera(), {}).has_value());
+}
+
 TEST_P(RollingShutterTest, IsUndone) {
   const double before = WorstDistance(5);
   EXPECT_GT(before, 2.0);

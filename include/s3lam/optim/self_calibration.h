@@ -29,6 +29,8 @@ struct CalibrationProblem {
     int point = 0;
     Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  // px, first pixel at 0.5
     double inverse_sigma = 1.0;                       // 1/px
+    /// How far a readout time of the shutter would move it [px/s]; for RefineReadout alone.
+    Eigen::Vector2d per_readout = Eigen::Vector2d::Zero();
   };
   std::vector<Observation> observations;
 };
@@ -92,6 +94,19 @@ struct CameraRefinement {
 std::optional<CameraRefinement> RefineIntrinsics(const SelfCalibrationOptions& options,
                                                  const Camera& camera, const FocalPrior& prior,
                                                  const CalibrationProblem& problem);
+
+struct ReadoutRefinement {
+  double readout_s = 0.0;
+  double sigma_s = 0.0;        // By the sigmas of the observations.
+  double cost_decrease = 0.0;  // Share of the cost that no readout time leaves unexplained.
+};
+
+/// The readout time of a rolling shutter that explains the observations best, adjusted together
+/// with all poses and points: these may bend so that little of it is seen with them held. Empty
+/// without observations or if the solver fails.
+std::optional<ReadoutRefinement> RefineReadout(const SelfCalibrationOptions& options,
+                                               const Camera& camera,
+                                               const CalibrationProblem& problem);
 
 /// What the focal lengths that five disjoint parts of the problem give, each of successive poses,
 /// differ by beyond their sigmas, as a standard deviation of the focal length of the whole [px]. A

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "s3lam/base/options.h"
@@ -47,8 +48,11 @@ std::optional<CameraRefinement> SearchFocal(const TrialMapOptions& options,
 /// that went wrong gives such ones, while one that does not determine it leaves it where it was.
 bool IsBelievable(const CameraRefinement& refinement, const FocalPrior& prior);
 
+/// CalibrationProblem::Observation::per_readout of what a keyframe sees of a point.
+using PerReadout = std::function<Eigen::Vector2d(const MapObservation&, const MapPoint&)>;
+
 /// What the keyframes saw of the points, in original pixels.
-CalibrationProblem MakeCalibrationProblem(const Map& map);
+CalibrationProblem MakeCalibrationProblem(const Map& map, const PerReadout& per_readout = {});
 /// Moves the keyframes and points of that map to where the refinement found them.
 void ApplyRefinement(const CameraRefinement& refinement, Map& map);
 

@@ -84,11 +84,10 @@ struct FocalReport {
 /// Whether the lines of the images were exposed one after another.
 struct RollingShutterReport {
   bool is_seen = false;
-  double cost_share = 0.0;  // What a readout time would remove of the reprojection cost.
+  double cost_share = 0.0;  // What a readout time removes of the reprojection cost.
   bool is_compensated = false;
-  /// From the first line to the last [s]; at least, unless it is compensated.
-  double readout_s = 0.0;
-  double sigma_s = 0.0;  // Zero if the readout time was given.
+  double readout_s = 0.0;  // From the first line to the last.
+  double sigma_s = 0.0;    // By the noise of the keypoints; zero if the readout time was given.
   ShutterDirection direction = ShutterDirection::kDown;
 };
 

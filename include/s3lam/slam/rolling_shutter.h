@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "s3lam/base/options.h"
+#include "s3lam/optim/self_calibration.h"
 #include "s3lam/slam/map.h"
 #include "s3lam/slam/tracker.h"
 
@@ -84,6 +85,10 @@ struct ReadoutFits {
 /// part of it away, so that it is a lower bound then; it is zero if the maps were adjusted with the
 /// true one.
 ReadoutFits FitReadout(const Undistorter& undistorter, const std::vector<LocalizedMap>& maps);
+
+/// What keyframes see, with how far a readout time along an axis of the image would move it.
+CalibrationProblem MakeReadoutProblem(const Undistorter& undistorter, const LocalizedMap& map,
+                                      const Eigen::Vector2d& axis);
 
 /// Moves keypoints to where a global shutter would have put them.
 class ShutterCorrection {
