@@ -6,7 +6,6 @@
 #include "calibration_steps.h"
 #include "localization_steps.h"
 #include "s3lam/base/log.h"
-#include "s3lam/base/parallel.h"
 #include "s3lam/base/statistics.h"
 
 namespace s3lam::slam {
@@ -80,7 +79,7 @@ class Compensation {
 Eigen::Vector2d LookForShutter(const Compensation& compensation, RollingShutterReport& report) {
   const ReadoutFits fits = compensation.Fit();
   const bool along_x = fits.right.cost_share > fits.down.cost_share;
-  const Eigen::Vector2d axis = along_x ? Eigen::Vector2d::UnitX() : Eigen::Vector2d::UnitY();
+  Eigen::Vector2d axis = along_x ? Eigen::Vector2d::UnitX() : Eigen::Vector2d::UnitY();
   report.cost_share = std::max(fits.right.cost_share, fits.down.cost_share);
   if (report.cost_share < kLikelyCostShare) return axis;
   const auto refined = compensation.Refine(axis);
