@@ -199,13 +199,40 @@ void MapUntilCameraStays(const Options& options, const FocalPrior& prior,
   }
 }
 
+/// What a rolling shutter does passes for a lens distortion, too: what corrects for the one comes
+/// before the other.
+bool Compensates(const Options& options) {
+  return options.rolling_shutter.mode == RollingShutterOptions::Mode::kCompensate;
+}
+
+/// All frames in the final maps, which a rolling shutter that is corrected for changes once more.
+std::vector<std::vector<FrameTrack>> LocalizeAll(const Options& options, const Input& input,
+                                                 RunState& state) {
+  StepTimes& seconds = state.report.seconds;
+  const Submaps& maps = state.maps;
+  std::vector<std::vector<FrameTrack>> localized;
+  {
+    const ScopedStep step(seconds, "localising all frames");
+    localized = LocalizeInMaps(options, input, state.undistorter, maps, state.frames.size());
+  }
+  const ScopedStep step(seconds, "rolling shutter");
+  HandleRollingShutter(options, input, state.undistorter, maps, localized, state.report);
+  if (!Compensates(options)) return localized;
+  Calibrate(options, input, state);
+  AdjustFinally(options, state.undistorter, maps);
+  EraseWeakKeyframes(options, maps);
+  RefineInMaps(options, maps, localized);
+  return localized;
+}
+
 /// A shutter that is open for longer than from image to image is none.
-void CheckReadout(const RollingShutterOptions& options, const std::vector<double>& times_s) {
+void CheckReadout(const Options& options, const std::vector<double>& times_s) {
+  if (!Compensates(options)) return;
+  const double readout_s = options.rolling_shutter.readout_s;
   const double interval_s = MedianStep(times_s);
-  const bool is_used = options.mode == RollingShutterOptions::Mode::kCompensate;
-  if (!is_used || options.readout_s <= interval_s) return;
+  if (readout_s <= interval_s) return;
   ThrowInputError("rolling_shutter.readout_s is {} s, longer than the {:.3g} s from image to image",
-                  options.readout_s, interval_s);
+                  readout_s, interval_s);
 }
 
 }  // namespace
@@ -262,7 +289,7 @@ Result Run(const Options& given, const Input& input) {
   if (input.names.size() < 4)
     ThrowInputError("a sequence of {} images is too short: a map needs at least 4",
                     input.names.size());
-  CheckReadout(options.rolling_shutter, input.times_s);
+  CheckReadout(options, input.times_s);
   RunState state{{}, Undistorter(input.camera), {}, {}, {}, {}, {}};
   StepTimes& seconds = state.report.seconds;
   {
@@ -293,8 +320,6 @@ Result Run(const Options& given, const Input& input) {
     MapUntilCameraStays(options, *input.focal_prior, make_builder, *vocabulary, steps, state);
   }
   const Submaps& maps = state.maps;
-  // What a rolling shutter does passes for a lens distortion, too: it comes first.
-  const bool compensates = options.rolling_shutter.mode == RollingShutterOptions::Mode::kCompensate;
   for (size_t m = 0; m < maps.size(); ++m) {
     MapBuilder& builder = *maps[m];
     steps.Do([&] {
@@ -306,28 +331,14 @@ Result Run(const Options& given, const Input& input) {
   }
   steps.Do([&] {
     const ScopedStep step(seconds, "self-calibration");
-    if (!compensates) Calibrate(options, input, state);
+    if (!Compensates(options)) Calibrate(options, input, state);
   });
   steps.Do([&] {
     const ScopedStep step(seconds, "global bundle adjustment");
     AdjustAligned(options, state.undistorter, maps);
     EraseWeakKeyframes(options, maps);
   });
-  std::vector<std::vector<FrameTrack>> localized;
-  {
-    const ScopedStep step(seconds, "localising all frames");
-    localized = LocalizeInMaps(options, input, state.undistorter, maps, state.frames.size());
-  }
-  {
-    const ScopedStep step(seconds, "rolling shutter");
-    HandleRollingShutter(options, input, state.undistorter, maps, localized, state.report);
-    if (compensates) {
-      Calibrate(options, input, state);
-      AdjustFinally(options, state.undistorter, maps);
-      EraseWeakKeyframes(options, maps);
-      RefineInMaps(options, maps, localized);
-    }
-  }
+  const auto localized = LocalizeAll(options, input, state);
   std::vector<TwoViewVerdict> verdicts;
   {
     const ScopedStep step(seconds, "two-view check");

@@ -17,7 +17,8 @@ constexpr double kBridgedIntervals = 3.0;
 constexpr size_t kReach = 2;              // Frames on either side that tell a motion.
 constexpr double kMaxSquaredError = 9.0;  // [sigma^2]
 constexpr int kMinObservations = 20;      // Of a keyframe.
-constexpr size_t kMinKeyframes = 8;       // Fewer say little of how they differ.
+constexpr size_t kMinKeyframes = 8;       // Fewer are explained by chance.
+constexpr double kStepS = 1e-3;           // Of numerical derivatives.
 
 /// Of a pixel from the middle of the image, in widths and heights of it.
 Eigen::Vector2d FromMiddle(const Camera& camera, const Eigen::Vector2f& pixel) {
@@ -59,7 +60,8 @@ std::optional<Products> ProductsOf(const Undistorter& undistorter, const Map& ma
                   mixed.transpose() * sum.topLeftCorner<6, 6>().ldlt().solve(mixed));
 }
 
-ReadoutFit FitAxis(const std::vector<Products>& keyframes, int axis) {
+/// Of the readout time along one axis that fits all keyframes best.
+double CostShare(const std::vector<Products>& keyframes, int axis) {
   double squared = 0.0;
   double mixed = 0.0;
   double cost = 0.0;
@@ -68,17 +70,8 @@ ReadoutFit FitAxis(const std::vector<Products>& keyframes, int axis) {
     mixed += products(axis, 2);
     cost += products(2, 2);
   }
-  ReadoutFit fit;
-  if (keyframes.size() < kMinKeyframes || !(squared > 0.0) || !(cost > 0.0)) return fit;
-  fit.seconds = mixed / squared;
-  fit.cost_share = fit.seconds * mixed / cost;
-  double variance = 0.0;  // By how keyframes differ: their observations share what is wrong.
-  for (const Products& products : keyframes) {
-    variance += std::pow(products(axis, 2) - fit.seconds * products(axis, axis), 2);
-  }
-  const double few = static_cast<double>(keyframes.size());
-  fit.sigma_s = std::sqrt(variance * few / (few - 1.0)) / squared;
-  return fit;
+  const bool is_enough = keyframes.size() >= kMinKeyframes && squared > 0.0 && cost > 0.0;
+  return is_enough ? mixed * mixed / (squared * cost) : 0.0;
 }
 
 }  // namespace
@@ -121,27 +114,13 @@ ShutterDirection DirectionOf(const Readout& readout) {
 }
 
 Eigen::Vector3d FrameMotion::VelocityOf(const Eigen::Vector3d& point_in_world) const {
-  // The derivative at zero of Lagrange's polynomials, one of whose times is zero.
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
-  for (size_t j = 0; j < poses_.size(); ++j) {
-    const double time_s = poses_[j].time_s;
-    double weight = time_s == 0.0 ? 0.0 : 1.0 / time_s;
-    for (size_t m = 0; m < poses_.size(); ++m) {
-      const double other_s = poses_[m].time_s;
-      if (m == j || other_s == 0.0) continue;
-      if (time_s == 0.0) {
-        weight -= 1.0 / other_s;
-      } else {
-        weight *= other_s / (other_s - time_s);
-      }
-    }
-    velocity += weight * (poses_[j].cam_from_world * point_in_world);
-  }
-  return velocity;
+  return (PointAfter(kStepS, point_in_world) - PointAfter(-kStepS, point_in_world)) /
+         (2.0 * kStepS);
 }
 
 Eigen::Vector3d FrameMotion::PointAfter(double time_s,
                                         const Eigen::Vector3d& point_in_world) const {
+  // Lagrange's polynomials.
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
   for (size_t j = 0; j < poses_.size(); ++j) {
     double weight = 1.0;
@@ -177,29 +156,28 @@ std::vector<std::optional<FrameMotion>> FindMotions(const std::vector<double>& t
   return motions;
 }
 
-ReadoutFits FitReadout(const Undistorter& undistorter, const std::vector<LocalizedMap>& maps) {
+ReadoutShares FindReadoutShares(const Undistorter& undistorter,
+                                const std::vector<MapInMotion>& maps) {
   std::vector<Products> keyframes;
-  for (const LocalizedMap& localized_map : maps) {
-    const Map& map = localized_map.map;
+  for (const auto& [map, motions] : maps) {
     for (const int k : map.AliveKeyframes()) {
-      const auto& motion = localized_map.motions[map.keyframe(k).frame];
+      const auto& motion = motions[map.keyframe(k).frame];
       if (!motion) continue;
       if (const auto products = ProductsOf(undistorter, map, k, *motion)) {
         keyframes.push_back(*products);
       }
     }
   }
-  return {FitAxis(keyframes, 0), FitAxis(keyframes, 1)};
+  return {CostShare(keyframes, 0), CostShare(keyframes, 1)};
 }
 
 CalibrationProblem MakeReadoutProblem(const Undistorter& undistorter,
-                                      const LocalizedMap& localized_map,
+                                      const MapInMotion& map_in_motion,
                                       const Eigen::Vector2d& axis) {
-  constexpr double kStepS = 1e-3;
-  const Map& map = localized_map.map;
+  const Map& map = map_in_motion.map;
   const Camera& camera = undistorter.camera();
   return MakeCalibrationProblem(map, [&](const MapObservation& o, const MapPoint& point) {
-    const auto& motion = localized_map.motions[map.keyframe(o.keyframe).frame];
+    const auto& motion = map_in_motion.motions[map.keyframe(o.keyframe).frame];
     Eigen::Vector2d per_readout = Eigen::Vector2d::Zero();
     if (!motion) return per_readout;
     const auto before = camera.ImageFromCamera(motion->PointAfter(-kStepS, point.position));

@@ -32,17 +32,15 @@ class Compensation {
     FindMotionsInMaps();
   }
 
-  [[nodiscard]] ReadoutFits Fit() const {
-    std::vector<LocalizedMap> maps;
-    for (size_t m = 0; m < maps_.size(); ++m) {
-      maps.push_back({maps_[m]->map(), localized_[m], motions_[m]});
-    }
-    return FitReadout(undistorter_, maps);
+  [[nodiscard]] ReadoutShares Shares() const {
+    std::vector<MapInMotion> maps;
+    for (size_t m = 0; m < maps_.size(); ++m) maps.push_back({maps_[m]->map(), motions_[m]});
+    return FindReadoutShares(undistorter_, maps);
   }
 
   /// The readout time along an axis beyond what is corrected, by the largest map.
   [[nodiscard]] std::optional<ReadoutRefinement> Refine(const Eigen::Vector2d& axis) const {
-    const LocalizedMap map{maps_.front()->map(), localized_.front(), motions_.front()};
+    const MapInMotion map{maps_.front()->map(), motions_.front()};
     return RefineReadout(options_.self_calibration, undistorter_.camera(),
                          MakeReadoutProblem(undistorter_, map, axis));
   }
@@ -77,10 +75,10 @@ class Compensation {
 
 /// Returns the axis of the image along which a shutter is most likely a rolling one.
 Eigen::Vector2d LookForShutter(const Compensation& compensation, RollingShutterReport& report) {
-  const ReadoutFits fits = compensation.Fit();
-  const bool along_x = fits.right.cost_share > fits.down.cost_share;
+  const ReadoutShares shares = compensation.Shares();
+  const bool along_x = shares.right > shares.down;
   Eigen::Vector2d axis = along_x ? Eigen::Vector2d::UnitX() : Eigen::Vector2d::UnitY();
-  report.cost_share = std::max(fits.right.cost_share, fits.down.cost_share);
+  report.cost_share = std::max(shares.right, shares.down);
   if (report.cost_share < kLikelyCostShare) return axis;
   const auto refined = compensation.Refine(axis);
   if (!refined) return axis;

@@ -103,7 +103,7 @@ struct Report {
   double distortion_cost_share = 0.0;  // What a refined distortion would remove of the cost.
   /// What other focal lengths and another principal point would remove of the rest, and fx, fy, cx,
   /// cy [px] of these if they put the given ones in doubt, see CheckCalibration; none where the map
-  /// is mostly refuted.
+  /// is mostly refuted or a rolling shutter, which looks alike, is seen and not corrected for.
   double pinhole_cost_share = 0.0;
   std::vector<double> better_pinhole;
   std::optional<RollingShutterReport> rolling_shutter;  // If it was looked for.

@@ -61,33 +61,25 @@ class FrameMotion {
 std::vector<std::optional<FrameMotion>> FindMotions(const std::vector<double>& times_s,
                                                     const std::vector<FrameTrack>& localized);
 
-/// A map and where the frames are in it.
-struct LocalizedMap {
+/// A map and how the camera moves at its frames.
+struct MapInMotion {
   const Map& map;
-  const std::vector<FrameTrack>& localized;
   const std::vector<std::optional<FrameMotion>>& motions;
 };
 
-/// What a readout time along one axis of the image explains of the reprojection errors, points
-/// held.
-struct ReadoutFit {
-  double seconds = 0.0;
-  double sigma_s = 0.0;
-  double cost_share = 0.0;  // Removed of the reprojection cost.
+/// What of the reprojection cost of the keyframes a readout time along an axis of the image alone
+/// would remove, beyond the one that keypoints are corrected by; points held, poses free. Points
+/// that were adjusted without it explain a part of it away: these are lower bounds. Zero where
+/// fewer than eight keyframes see enough.
+struct ReadoutShares {
+  double right = 0.0;  // Along x.
+  double down = 0.0;   // Along y.
 };
-struct ReadoutFits {
-  ReadoutFit right;  // Along x.
-  ReadoutFit down;   // Along y.
-};
-
-/// The readout times that what the keyframes see asks for beyond those its keypoints are corrected
-/// by, each axis alone, the poses free. Points that were adjusted without a readout time explain a
-/// part of it away, so that it is a lower bound then; it is zero if the maps were adjusted with the
-/// true one.
-ReadoutFits FitReadout(const Undistorter& undistorter, const std::vector<LocalizedMap>& maps);
+ReadoutShares FindReadoutShares(const Undistorter& undistorter,
+                                const std::vector<MapInMotion>& maps);
 
 /// What keyframes see, with how far a readout time along an axis of the image would move it.
-CalibrationProblem MakeReadoutProblem(const Undistorter& undistorter, const LocalizedMap& map,
+CalibrationProblem MakeReadoutProblem(const Undistorter& undistorter, const MapInMotion& map,
                                       const Eigen::Vector2d& axis);
 
 /// Moves keypoints to where a global shutter would have put them.
