@@ -252,7 +252,7 @@ class Adjustment {
     solver.linear_solver_type = ceres::DENSE_SCHUR;
     if (poses_.size() > 250) solver.linear_solver_type = ceres::SPARSE_SCHUR;
     solver.max_num_iterations = options_.max_iterations;
-    solver.function_tolerance = 1e-7;
+    solver.function_tolerance = 1e-5;
     solver.num_threads = 1;  // The same bytes every time.
     solver.logging_type = ceres::SILENT;
     auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
