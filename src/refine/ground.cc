@@ -351,6 +351,10 @@ void CameraHeightOptions::Visit(OptionVisitor& v) {
   v.Value("auto_min_coverage", auto_min_coverage,
           "auto: least part of the cameras with ground under them", 0.0, 1.0);
   v.Value("min_points", min_points, "least number of ground points of a stretch", 3, 1000000);
+  v.Value(
+      "refine_distortion", refine_distortion,
+      "where heights vary by more than sigma_relative, refine radial distortions with them (and "
+      "what else of intrinsics is asked for): a scale that drifts is mostly the lens");
 }
 
 GroundReport AddGround(const CameraHeightOptions& options, const SemanticMap& semantics,

@@ -130,27 +130,21 @@ bool InvertibleOnBorder(const Camera& camera) {
   return true;
 }
 
-void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
-                         const std::vector<IntrinsicsReport>& reports) {
-  if (std::any_of(reports.begin(), reports.end(), [](const auto& r) { return r.refined; })) return;
-  spdlog::warn(
-      "no camera is refined: none asked for has {} images (intrinsics.min_images) and {} "
-      "observations (intrinsics.min_observations) in use; intrinsics.shared lets cameras that are "
-      "alike be one",
-      options.min_images, options.min_observations);
-}
-
-/// That of these cameras, which are one; a new one if there is none.
-IntrinsicsReport& ReportOf(const std::vector<CameraId>& ids, const Camera& camera,
-                           std::vector<IntrinsicsReport>& reports) {
-  const auto it = std::find_if(reports.begin(), reports.end(),
-                               [&](const auto& report) { return report.cameras == ids; });
-  if (it != reports.end()) return *it;
-  IntrinsicsReport& report = reports.emplace_back();
+/// Of a camera that stays as it is.
+IntrinsicsReport ReportOfKept(const std::vector<CameraId>& ids, const Camera& camera) {
+  IntrinsicsReport report;
   report.cameras = ids;
   report.model = report.model_after = CameraModelName(camera.model);
   report.before = report.after = camera.params;
   return report;
+}
+
+/// That of the same cameras, which are one; `camera` itself if there is none yet.
+IntrinsicsReport& ReportOf(const IntrinsicsReport& camera, std::vector<IntrinsicsReport>& reports) {
+  const auto it = std::find_if(reports.begin(), reports.end(), [&](const auto& report) {
+    return report.cameras == camera.cameras;
+  });
+  return it != reports.end() ? *it : reports.emplace_back(camera);
 }
 
 void WarnOfDoubts(const IntrinsicsReport& report) {
@@ -250,8 +244,42 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
     report.after = camera.params;
     reports.push_back(std::move(report));
   }
-  if (held.empty()) WarnIfNoneIsRefined(options, reports);
   return reports;
+}
+
+void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
+                         const std::vector<IntrinsicsReport>& reports) {
+  if (std::any_of(reports.begin(), reports.end(), [](const auto& r) { return r.refined; })) return;
+  spdlog::warn(
+      "no camera is refined: none asked for has {} images (intrinsics.min_images) and {} "
+      "observations (intrinsics.min_observations) in use; intrinsics.shared lets cameras that are "
+      "alike be one",
+      options.min_images, options.min_observations);
+}
+
+void TellParameters(const BundleMap& map, std::vector<IntrinsicsReport>& reports) {
+  for (IntrinsicsReport& camera : reports) {
+    for (size_t c = 0; c < map.camera_ids.size(); ++c) {
+      const auto& ids = map.camera_ids[c];
+      if (std::find(ids.begin(), ids.end(), camera.cameras.front()) == ids.end()) continue;
+      camera.model_after = CameraModelName(map.problem.cameras[c].model);
+      camera.after = map.problem.cameras[c].params;
+    }
+  }
+}
+
+void AddRefined(const std::vector<IntrinsicsReport>& refined,
+                std::vector<IntrinsicsReport>& reports) {
+  for (const IntrinsicsReport& camera : refined) {
+    if (!camera.refined) continue;
+    IntrinsicsReport& report = ReportOf(camera, reports);
+    report.refined = true;
+    report.reason.clear();
+    report.model_after = camera.model_after;
+    report.after = camera.after;
+    report.distortion_cost_share = 0.0;
+    report.distortion_is_doubtful = false;
+  }
 }
 
 void CheckKeptCameras(const IntrinsicsOptions& options, double sigma_px, const BundleMap& map,
@@ -262,7 +290,7 @@ void CheckKeptCameras(const IntrinsicsOptions& options, double sigma_px, const B
     const Camera& camera = map.problem.cameras[c];
     const SelfCalibrationReport checked =
         CheckCalibration(check, camera, ProblemOfCamera(map.problem, c, sigma_px));
-    IntrinsicsReport& report = ReportOf(map.camera_ids[c], camera, reports);
+    IntrinsicsReport& report = ReportOf(ReportOfKept(map.camera_ids[c], camera), reports);
     report.distortion_cost_share = checked.cost_decrease;
     report.distortion_is_doubtful = checked.accepted;
     report.pinhole_cost_share = checked.pinhole_cost_decrease;
@@ -294,6 +322,18 @@ std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& be
     return "its distortion could no longer be inverted at the image's border";
   }
   return {};
+}
+
+HeldCameras DoubtfulCameras(const IntrinsicsOptions& options, const std::vector<Camera>& before,
+                            const BundleMap& map) {
+  HeldCameras doubtful;
+  for (size_t c = 0; c < before.size(); ++c) {
+    if (map.problem.free_camera_params[c].empty()) continue;
+    const std::string doubts = DoubtsAboutCamera(options, before[c], map.problem.cameras[c]);
+    if (doubts.empty()) continue;
+    for (const CameraId id : map.camera_ids[c]) doubtful[id] = doubts;
+  }
+  return doubtful;
 }
 
 }  // namespace s3lam

@@ -15,15 +15,16 @@
 namespace s3lam {
 namespace {
 
-/// May the weight of the heights be raised until the map follows? If it does not follow, the
-/// heights vary in reality, or the ground is not what it was taken for.
-enum class HeightWeights { kHonest, kRaised };
+/// May the weight of the heights be raised until the map follows, and may the lens then follow
+/// too? If the map does not follow, the heights vary in reality, or the ground is not what it was
+/// taken for.
+enum class HeightWeights { kHonest, kRaised, kRaisedWithLens };
 
 class OuterLoop {
  public:
   /// `planes` and `classes` may be null: without planes.
   OuterLoop(const OuterLoopSettings& settings, const ClassTable* classes, PlaneModel* planes,
-            BundleMap& map, HeightWeights weights = HeightWeights::kRaised)
+            BundleMap& map, HeightWeights weights = HeightWeights::kHonest)
       : settings_(settings),
         classes_(classes),
         planes_(planes),
@@ -32,6 +33,7 @@ class OuterLoop {
         heights_(settings.camera_height, settings.planes.sigma, settings.solver.sigma_px) {}
 
   std::vector<OuterIteration> Run() {
+    if (weights_ == HeightWeights::kRaisedWithLens) FreeDistortion();
     for (int i = 0; i < settings_.outer.max_iterations; ++i) {
       const Timer timer;
       OuterIteration iteration;
@@ -40,7 +42,7 @@ class OuterLoop {
         if (i > 0) {
           UpdatePlanes();
           if (i == 1) RelatePlanes();
-          if (weights_ == HeightWeights::kRaised) heights_.Update(*planes_, map_.problem);
+          if (weights_ != HeightWeights::kHonest) heights_.Update(*planes_, map_.problem);
           if (heights_.contradicted()) break;
         }
         iteration.membership = AssignPoints(settings_.planes.membership, settings_.planes.sigma,
@@ -73,6 +75,8 @@ class OuterLoop {
   [[nodiscard]] std::string DoubtsAboutHeights() const { return heights_.Doubts(); }
   /// In the end no plane had enough points near it.
   [[nodiscard]] bool lost_planes() const { return lost_planes_; }
+  /// Whose distortion follows the heights; empty: none.
+  [[nodiscard]] const std::vector<IntrinsicsReport>& cameras() const { return cameras_; }
 
  private:
   /// The input must not pass for a result.
@@ -114,6 +118,18 @@ class OuterLoop {
                          *classes_, *planes_, map_.problem);
     map_.problem.relations.insert(map_.problem.relations.end(), relations.begin(), relations.end());
     if (!relations.empty()) spdlog::info("{} relations between planes", relations.size());
+  }
+
+  /// What bundle adjustment is too sure of the scale by is what its cameras leave out: a radial
+  /// distortion that is off by a pixel at the border makes the scale drift.
+  void FreeDistortion() {
+    IntrinsicsOptions options = settings_.intrinsics;
+    options.distortion = true;
+    options.shared = false;  // Those that are to be one are one already.
+    cameras_ = FreeIntrinsics(options, {}, map_);
+    const auto count = std::count_if(cameras_.begin(), cameras_.end(),
+                                     [](const auto& camera) { return camera.refined; });
+    spdlog::info("the distortion of {} cameras may follow the heights", count);
   }
 
   [[nodiscard]] bool Settled(const OuterIteration& iteration, int index) const {
@@ -159,6 +175,7 @@ class OuterLoop {
   CameraHeights heights_;
   std::vector<OuterIteration> iterations_;
   bool lost_planes_ = false;
+  std::vector<IntrinsicsReport> cameras_;
 };
 
 void LogGround(const GroundReport& ground) {
@@ -185,9 +202,15 @@ struct PlanarStart {
 };
 
 struct PlanarResult {
-  std::vector<OuterIteration> iterations;
+  PlanarReport report;
   std::string doubts_about_heights;
+  HeldCameras doubtful_cameras;
   bool lost_planes = false;
+
+  /// Why the heights should not be followed like this; empty if they should.
+  [[nodiscard]] std::string Doubts() const {
+    return doubtful_cameras.empty() ? doubts_about_heights : doubtful_cameras.begin()->second;
+  }
 };
 
 PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticMap& semantics,
@@ -198,13 +221,20 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
     map.problem.planes[k].is_constant =
         settings.planes.mode == PlaneMode::kFixed && !planes.planes[k].is_ground;
   }
+  const std::vector<Camera> cameras = map.problem.cameras;
   InitialisePlanes(settings.planes, settings.solver.sigma_px, planes, map.problem);
   OuterLoop loop(settings, &semantics.class_table, &planes, map, weights);
   PlanarResult result;
-  result.iterations = loop.Run();
+  result.report.iterations = loop.Run();
   result.doubts_about_heights = loop.DoubtsAboutHeights();
   result.lost_planes = loop.lost_planes();
-  if (result.doubts_about_heights.empty() || weights == HeightWeights::kHonest) {
+  if (!loop.cameras().empty()) {
+    result.doubtful_cameras = DoubtfulCameras(settings.intrinsics, cameras, map);
+    result.report.cameras = loop.cameras();
+    TellParameters(map, result.report.cameras);
+    result.report.refined_camera_params = std::exchange(map.problem.free_camera_params, {});
+  }
+  if (weights == HeightWeights::kHonest || result.Doubts().empty()) {
     FlattenPoints(settings.solver, settings.planes.sigma, planes, settings.journal, map.problem);
   }
   return result;
@@ -212,30 +242,43 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
 
 /// With the camera's height as far as it is found, asked for and not contradicted.
 PlanarResult AdjustWithGround(const OuterLoopSettings& settings, const SemanticMap& semantics,
-                              const PlanarStart& start, PlaneModel& planes, BundleMap& map,
-                              GroundReport& ground) {
+                              const PlanarStart& start, PlaneModel& planes, BundleMap& map) {
+  const CameraHeightOptions& options = settings.camera_height;
   const double sigma_px = settings.solver.sigma_px;
-  if (settings.camera_height.mode == CameraHeightMode::kOff) {
-    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
-  }
-  ground = AddGround(settings.camera_height, semantics, sigma_px, planes, map);
+  GroundReport ground;
+  const auto adjust = [&](HeightWeights weights) {
+    PlanarResult result = AdjustWithPlanes(settings, semantics, weights, planes, map);
+    result.report.ground = ground;
+    return result;
+  };
+  const auto restart = [&](bool with_ground) {
+    planes = start.planes;
+    map = start.map;
+    if (with_ground) ground = AddGround(options, semantics, sigma_px, planes, map);
+  };
+  if (options.mode == CameraHeightMode::kOff) return adjust(HeightWeights::kHonest);
+  ground = AddGround(options, semantics, sigma_px, planes, map);
   LogGround(ground);
-  if (!ground.in_use) {
-    return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
+  if (!ground.in_use) return adjust(HeightWeights::kHonest);
+  if (options.refine_distortion && ground.spread_before > options.sigma_relative) {
+    PlanarResult result = adjust(HeightWeights::kRaisedWithLens);
+    const std::string doubts = result.Doubts();
+    if (doubts.empty()) return result;
+    spdlog::info("again with the lens as it was: {}", doubts);
+    restart(true);
   }
-  PlanarResult result = AdjustWithPlanes(settings, semantics, HeightWeights::kRaised, planes, map);
+  PlanarResult result = adjust(HeightWeights::kRaised);
   if (result.doubts_about_heights.empty()) return result;
-  planes = start.planes;
-  map = start.map;
-  if (settings.camera_height.mode == CameraHeightMode::kOn) {
+  if (options.mode == CameraHeightMode::kOn) {
     spdlog::warn("camera height: {}; it counts for less", result.doubts_about_heights);
-    ground = AddGround(settings.camera_height, semantics, sigma_px, planes, map);
+    restart(true);
   } else {
+    restart(false);
     ground.in_use = false;
     ground.reason = result.doubts_about_heights;
     LogGround(ground);
   }
-  return AdjustWithPlanes(settings, semantics, HeightWeights::kHonest, planes, map);
+  return adjust(HeightWeights::kHonest);
 }
 
 /// What the planes did to the map before they lost their points is undone.
@@ -286,23 +329,23 @@ std::vector<OuterIteration> AdjustPlain(OuterLoopSettings& settings, BundleMap& 
   return iterations;
 }
 
-std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
-                                         const SemanticMap& semantics, PlaneModel& planes,
-                                         BundleMap& map, GroundReport& ground) {
+PlanarReport AdjustPlanar(const OuterLoopSettings& settings, const SemanticMap& semantics,
+                          PlaneModel& planes, BundleMap& map) {
   if (settings.planes.mode == PlaneMode::kOff || semantics.clusters.empty()) return {};
   FreezeUncertainty(map.problem, settings.solver.sigma_px, planes);
   const PlanarStart start{planes, map};
-  PlanarResult result = AdjustWithGround(settings, semantics, start, planes, map, ground);
+  PlanarResult result = AdjustWithGround(settings, semantics, start, planes, map);
+  PlanarReport& report = result.report;
   if (result.lost_planes) {
-    ReturnWithoutPlanes(start, planes, map, ground);
-    return {};
+    ReturnWithoutPlanes(start, planes, map, report.ground);
+    return {{}, report.ground, {}, {}};
   }
-  if (ground.in_use) {
-    ground.height = map.problem.height;
-    ground.spread_after = HeightSpread(map.problem);
-    CountGround(map.problem, ground);
+  if (report.ground.in_use) {
+    report.ground.height = map.problem.height;
+    report.ground.spread_after = HeightSpread(map.problem);
+    CountGround(map.problem, report.ground);
   }
-  return result.iterations;
+  return std::move(report);
 }
 
 }  // namespace s3lam

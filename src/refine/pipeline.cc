@@ -146,19 +146,6 @@ void CountUse(const BundleMap& map, Report& report) {
   }
 }
 
-/// The refined cameras that cannot be believed.
-HeldCameras DoubtfulCameras(const IntrinsicsOptions& options, const std::vector<Camera>& before,
-                            const BundleMap& map) {
-  HeldCameras doubtful;
-  for (size_t c = 0; c < before.size(); ++c) {
-    if (map.problem.free_camera_params[c].empty()) continue;
-    const std::string doubts = DoubtsAboutCamera(options, before[c], map.problem.cameras[c]);
-    if (doubts.empty()) continue;
-    for (const CameraId id : map.camera_ids[c]) doubtful[id] = doubts;
-  }
-  return doubtful;
-}
-
 HeldCameras AllCameras(const BundleMap& map, const std::string& reason) {
   HeldCameras all;
   for (const auto& ids : map.camera_ids) {
@@ -174,17 +161,6 @@ void WarnOfHeld(const HeldCameras& held) {
                ids.front(), held.begin()->second);
 }
 
-void TellParameters(const BundleMap& map, Report& report) {
-  for (IntrinsicsReport& camera : report.cameras) {
-    for (size_t c = 0; c < map.camera_ids.size(); ++c) {
-      const auto& ids = map.camera_ids[c];
-      if (std::find(ids.begin(), ids.end(), camera.cameras.front()) == ids.end()) continue;
-      camera.model_after = CameraModelName(map.problem.cameras[c].model);
-      camera.after = map.problem.cameras[c].params;
-    }
-  }
-}
-
 void CheckCalibrations(const Options& options, const BundleMap& map, Report& report) {
   if (!options.intrinsics.check) return;
   CheckKeptCameras(options.intrinsics, options.solver.sigma_px, map, report.cameras);
@@ -192,8 +168,8 @@ void CheckCalibrations(const Options& options, const BundleMap& map, Report& rep
 
 /// Bundle adjustment without planes, with the camera parameters that may change; again from the
 /// start with those cameras held that end where they cannot be believed, until there are none;
-/// after some rounds of that, with all. From here on cameras stay. Returns the parameters that were
-/// refined, per camera of the problem; empty: none.
+/// after some rounds of that, with all. Returns the parameters that were refined, per camera of the
+/// problem; empty: none.
 std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Report& report) {
   if (!options.intrinsics.Any()) {
     report.iterations = AdjustPlain(options, map);
@@ -206,6 +182,7 @@ std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Re
   for (int round = 1;; ++round) {
     map = given;
     report.cameras = FreeIntrinsics(options.intrinsics, held, map);
+    if (round == 1) WarnIfNoneIsRefined(options.intrinsics, report.cameras);
     const std::vector<Camera> before = map.problem.cameras;
     report.iterations = AdjustPlain(options, map);
     HeldCameras doubtful = DoubtfulCameras(options.intrinsics, before, map);
@@ -214,7 +191,7 @@ std::vector<std::vector<int>> AdjustCameras(Options& options, BundleMap& map, Re
     WarnOfHeld(doubtful);
     held.insert(doubtful.begin(), doubtful.end());
   }
-  TellParameters(map, report);
+  TellParameters(map, report.cameras);
   CheckCalibrations(options, map, report);
   return std::exchange(map.problem.free_camera_params, {});
 }
@@ -256,17 +233,25 @@ PlaneModel BuildProblem(const Options& options, const Input& input, BundleMap& m
   return BuildPlaneModel(options.planes.membership, input.semantics, map);
 }
 
-/// Bundle adjustment with planes. Returns whether any took part.
+/// Bundle adjustment with planes. Returns whether any took part. Adds the camera parameters that
+/// were refined with them.
 bool AdjustPlanes(const Options& options, const Input& input, PlaneModel& planes, BundleMap& map,
-                  Report& report) {
+                  Report& report, std::vector<std::vector<int>>& refined_camera_params) {
   const auto& distances = input.constraints.plane_distances;
   CutBendingPlanes(options.bending, input.semantics.class_table, options.solver.sigma_px, planes,
                    map.problem);
   AddKnownDistances(options.relations, distances, input.semantics, planes, map.problem);
-  const auto planar = AdjustPlanar(options, input.semantics, planes, map, report.ground);
-  report.iterations.insert(report.iterations.end(), planar.begin(), planar.end());
-  WarnOfUnused(planar.empty() ? distances : UnusedDistances(distances, planes, map.problem));
-  return !planar.empty();
+  PlanarReport planar = AdjustPlanar(options, input.semantics, planes, map);
+  report.iterations.insert(report.iterations.end(), planar.iterations.begin(),
+                           planar.iterations.end());
+  report.ground = planar.ground;
+  if (!planar.cameras.empty()) {
+    AddRefined(planar.cameras, report.cameras);
+    refined_camera_params = std::move(planar.refined_camera_params);
+  }
+  WarnOfUnused(planar.iterations.empty() ? distances
+                                         : UnusedDistances(distances, planes, map.problem));
+  return !planar.iterations.empty();
 }
 
 /// What the adjustment came to.
@@ -313,7 +298,9 @@ Report RunInWorld(const Options& given_options, const Input& given, Output& outp
   }
   {
     const ScopedStep step(report.seconds, "planar");
-    if (AdjustPlanes(options, input, planes, map, report)) arms.push_back(Snapshot("planar", map));
+    if (AdjustPlanes(options, input, planes, map, report, refined_camera_params)) {
+      arms.push_back(Snapshot("planar", map));
+    }
   }
   const ScopedStep step(report.seconds, "output");
   TellResult(options, input, arms, map, planes, report);

@@ -79,9 +79,9 @@ void AddTrustFigure(const FrameTrust& trust, std::vector<Figure>& figures) {
   if (trust.stretches.empty()) return;
   constexpr const char* kCaption =
       "Line: how many points a frame sees, how much of the image they cover, how well they fit, "
-      "and "
-      "whether pairs of keyframes contradict the map; 1 is full trust. Band: stretches of frames; "
-      "a few frames that differ are counted with those around them.";
+      "whether pairs of keyframes contradict the map, and whether frames that they refute cut it "
+      "off; 1 is full trust. Band: stretches of frames; a few frames that differ are counted with "
+      "those around them.";
   figures.push_back(
       {"trust", "trust", trust.frames.empty() ? "" : kCaption, DrawTrustStrip(trust)});
 }

@@ -177,7 +177,7 @@ void AddShutterDoubt(const json& slam, std::vector<std::string>& doubts) {
   const json& shutter = Member(slam, "rolling_shutter");
   if (Member(shutter, "seen") != json(true) || Member(shutter, "compensated") == json(true)) return;
   doubts.emplace_back(
-      "The images were taken by a rolling shutter, which bends the map a little: s3-slam corrects "
+      "The images were taken by a rolling shutter, which bends the map: s3-slam corrects "
       "for it with --set rolling_shutter.mode=compensate.");
 }
 

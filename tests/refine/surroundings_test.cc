@@ -10,6 +10,7 @@
 #include "refine/refine_fixture.h"
 #include "s3lam/base/error.h"
 #include "s3lam/base/options_json.h"
+#include "s3lam/optim/self_calibration.h"
 #include "s3lam/synthetic/synthetic_map.h"
 
 namespace s3lam::refine {
@@ -150,6 +151,61 @@ TEST(RefineCameraHeight, WhereTheMapContradictsItTheAdjustmentStartsAgainWithout
   refine::Run(options, input, without);
   EXPECT_TRUE(SameBytes(output.model, without.model));
   EXPECT_EQ(output.semantics.planes.size(), without.semantics.planes.size());
+}
+
+constexpr double kWrongDistortion = 0.01;
+
+/// The drive along the street as a program sees it that has the lens wrong.
+Input MakeDriveWithWrongLens(SyntheticMap& map) {
+  SyntheticMapOptions options;
+  options.num_images = 40;
+  options.num_points = 3000;
+  options.max_track_window = 2;
+  options.pixel_sigma = 0.3;
+  map = MakeSyntheticMap("street", 1, options);
+  Input input = MakeInput(map);
+  Camera& camera = input.model.cameras.begin()->second;
+  camera = WithDistortion(camera);
+  camera.params[4] = kWrongDistortion;
+  return input;
+}
+
+TEST(RefineCameraHeight, TellsTheDistortionThatMakesTheScaleDrift) {
+  SyntheticMap map;
+  const Input input = MakeDriveWithWrongLens(map);
+  Options options;
+  Output with_lens;
+  const Report report = refine::Run(options, input, with_lens);
+  ASSERT_TRUE(report.ground.in_use) << report.ground.reason;
+  ASSERT_EQ(report.cameras.size(), 1u);
+  EXPECT_TRUE(report.cameras[0].refined);
+  EXPECT_FALSE(report.cameras[0].distortion_is_doubtful);
+  EXPECT_EQ(report.cameras[0].before[4], kWrongDistortion);
+  EXPECT_LT(std::abs(report.cameras[0].after[4]), 0.3 * kWrongDistortion);
+  EXPECT_EQ(with_lens.model.cameras.begin()->second.params, report.cameras[0].after);
+
+  options.camera_height.refine_distortion = false;
+  Output without;
+  const Report kept = refine::Run(options, input, without);
+  EXPECT_FALSE(kept.cameras.at(0).refined);
+  EXPECT_EQ(without.model.cameras.begin()->second.params,
+            input.model.cameras.begin()->second.params);
+  EXPECT_LT(AlignedCenterError(with_lens.model, map.truth),
+            0.5 * AlignedCenterError(without.model, map.truth));
+}
+
+TEST(RefineCameraHeight, LeavesTheCameraWhereWhatItTellsCannotBeBelieved) {
+  SyntheticMap map;
+  const Input input = MakeDriveWithWrongLens(map);
+  Options options;
+  options.intrinsics.focal_length = true;
+  options.intrinsics.max_focal_change = 0.0;
+  Output output;
+  const Report report = refine::Run(options, input, output);
+  EXPECT_TRUE(report.ground.in_use) << report.ground.reason;
+  EXPECT_FALSE(report.cameras.at(0).refined);
+  EXPECT_EQ(output.model.cameras.begin()->second.params,
+            input.model.cameras.begin()->second.params);
 }
 
 TEST(RefineBending, LongSurfacesOfBendingClassesAreCut) {

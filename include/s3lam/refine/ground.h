@@ -27,6 +27,8 @@ struct CameraHeightOptions {
   double auto_max_spread = 0.05;
   double auto_min_coverage = 0.5;
   int min_points = 20;
+  /// With the heights where these vary by more than sigma_relative.
+  bool refine_distortion = true;
   uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);

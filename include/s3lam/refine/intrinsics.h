@@ -59,6 +59,18 @@ std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel mod
 std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
                                              const HeldCameras& held, BundleMap& map);
 
+/// Of several cameras asked for, and none refined: why.
+void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
+                         const std::vector<IntrinsicsReport>& reports);
+
+/// Writes what became of the cameras' parameters into their reports.
+void TellParameters(const BundleMap& map, std::vector<IntrinsicsReport>& reports);
+
+/// Takes over what later `refined` cameras came to. Doubts about a distortion that was kept until
+/// then are gone.
+void AddRefined(const std::vector<IntrinsicsReport>& refined,
+                std::vector<IntrinsicsReport>& reports);
+
 /// How much of the reprojection cost of an adjusted map another calibration would remove, see
 /// CheckCalibration, of the five cameras with the most observations in use among those that are not
 /// refined, if enough images and observations see them. What a wrong calibration does to a map (it
@@ -73,5 +85,9 @@ void CheckKeptCameras(const IntrinsicsOptions& options, double sigma_px, const B
 /// along the image's border if it could before.
 std::string DoubtsAboutCamera(const IntrinsicsOptions& options, const Camera& before,
                               const Camera& after);
+
+/// The cameras of the problem with free parameters that cannot be believed, and why.
+HeldCameras DoubtfulCameras(const IntrinsicsOptions& options, const std::vector<Camera>& before,
+                            const BundleMap& map);
 
 }  // namespace s3lam

@@ -51,6 +51,16 @@ struct OuterLoopSettings {
   SolveJournal* journal = nullptr;  // Not a configuration value: what solves lead to is kept in it.
 };
 
+/// What bundle adjustment with planes came to.
+struct PlanarReport {
+  std::vector<OuterIteration> iterations;  // Empty: no plane took part.
+  GroundReport ground;
+  /// Those that the camera's height was asked to refine, and which of their parameters (per camera
+  /// of the problem); empty: none.
+  std::vector<IntrinsicsReport> cameras;
+  std::vector<std::vector<int>> refined_camera_params;
+};
+
 /// Bundle adjustment without planes, again until the outliers settle. Sets solver.sigma_px, on
 /// which rest the outliers, the uncertainty of points and so what lies on a plane, to the
 /// keypoints' sigma as given or as measured. Logs one line per iteration. Throws std::runtime_error
@@ -61,12 +71,13 @@ std::vector<OuterIteration> AdjustPlain(OuterLoopSettings& settings, BundleMap& 
 /// solve, drop outliers, again until next to nothing changes. The kappa of each class is taken from
 /// the points as they are at the start, without the planes' pull; at the end the points of planes
 /// are flattened (FlattenPoints). With the camera's height, if asked for (`ground` says what was
-/// found); if that is contradicted by the map (CameraHeights), again from the start, without it in
-/// mode auto, with weights that are not raised in mode on. Leaves the map as it is and returns
-/// nothing if planes are off or none has enough points near it, be it only after some rounds. Logs
-/// and throws as above.
-std::vector<OuterIteration> AdjustPlanar(const OuterLoopSettings& settings,
-                                         const SemanticMap& semantics, PlaneModel& planes,
-                                         BundleMap& map, GroundReport& ground);
+/// found). Where that varies by more than can be explained, radial distortions are refined with it
+/// and its weight is raised; if the map contradicts it (CameraHeights), or the cameras cannot be
+/// believed then, again from the start with the cameras as they were. If that is contradicted as
+/// well, again without heights in mode auto, with weights that are not raised in mode on. Leaves
+/// the map as it is and reports no iterations if planes are off or none has enough points near it,
+/// be it only after some rounds. Logs and throws as above.
+PlanarReport AdjustPlanar(const OuterLoopSettings& settings, const SemanticMap& semantics,
+                          PlaneModel& planes, BundleMap& map);
 
 }  // namespace s3lam
