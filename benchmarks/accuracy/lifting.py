@@ -540,9 +540,9 @@ def centre_rms(model, trajectory, rate_hz):
 REFINE_ARMS = {
     "without planes": ["planes.mode=off"],
     "planes": ["camera_height.mode=off"],
+    "planes, camera height, lens as given": ["camera_height.refine_distortion=false"],
     "planes, camera height": [],
     "without planes, distortion refined": ["planes.mode=off", "intrinsics.distortion=true"],
-    "planes, camera height, distortion refined": ["intrinsics.distortion=true"],
 }
 
 

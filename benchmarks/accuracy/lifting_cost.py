@@ -2,8 +2,8 @@
 """Time and memory of s3-lift beside a program that only decodes the same masks.
 
 Takes what s3-slam made of a sequence and lifts onto models in which every k-th frame is an image, so
-that the cost is seen to grow with the frames and the memory not. The two programs run alternately;
-medians are printed. Build s3-decode-masks with -DS3LAM_BENCHMARKS=ON.
+that the cost is seen to grow with the frames and the memory not. A loop that decodes one mask after the
+other, one that decodes on all cores, and s3-lift run alternately; medians are printed. Build s3-decode-masks with -DS3LAM_BENCHMARKS=ON.
 
   lifting_cost.py --slam DIR --masks DIR --classes FILE --bin DIR --output DIR
                   [--every 8 4 2 1] [--repeats 5] [--set KEY.PATH=VALUE]
@@ -128,14 +128,22 @@ def measure(arguments, every, mask_names):
             "--progress", "none"]
     for setting in arguments.settings:
         lift += ["--set", setting]
-    pairs = [(run([arguments.bin / "s3-decode-masks", masks]), run(lift))
-             for _ in range(arguments.repeats)]
+    decode = [arguments.bin / "s3-decode-masks", masks]
+    rounds = [(run([*decode, "1"]), run([*decode, "0"]), run(lift))
+              for _ in range(arguments.repeats)]
     report = json.loads((arguments.output / "lift" / "report.json").read_text())
-    return {"images": count, "peak MiB": report["peak_memory_mib"], "steps s": report["seconds"],
-            **{f"{name} {kind} s": statistics.median(pair[i][k] for pair in pairs)
-               for i, name in enumerate(("decode", "lift")) for k, kind in enumerate(("wall", "cpu"))},
-            **{f"{kind} ratio": statistics.median(pair[1][k] / pair[0][k] for pair in pairs)
-               for k, kind in enumerate(("wall", "cpu"))}}
+
+    def median(value):
+        return statistics.median(value(*times) for times in rounds)
+
+    return {"images": count,
+            "loop s": median(lambda loop, _, __: loop[0]),
+            "all cores s": median(lambda _, cores, __: cores[0]),
+            "lift s": median(lambda _, __, lift: lift[0]),
+            "to loop": median(lambda loop, _, lift: lift[0] / loop[0]),
+            "to all cores": median(lambda _, cores, lift: lift[0] / cores[0]),
+            "cpu ratio": median(lambda loop, _, lift: lift[1] / loop[1]),
+            "peak MiB": report["peak_memory_mib"], "steps s": report["seconds"]}
 
 
 def main():
@@ -151,8 +159,8 @@ def main():
     arguments.output.mkdir(parents=True, exist_ok=True)
     mask_names = sorted(p.name for p in arguments.masks.glob("*.png"))
     results = []
-    columns = ("images", "decode wall s", "lift wall s", "wall ratio", "decode cpu s", "lift cpu s",
-               "cpu ratio", "peak MiB")
+    columns = ("images", "loop s", "all cores s", "lift s", "to loop", "to all cores", "cpu ratio",
+               "peak MiB")
     print("".join(f"{c:>15}" for c in columns))
     for every in arguments.every:
         results.append(measure(arguments, every, mask_names))
