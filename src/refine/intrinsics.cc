@@ -271,7 +271,6 @@ void TellParameters(const BundleMap& map, std::vector<IntrinsicsReport>& reports
 void AddRefined(const std::vector<IntrinsicsReport>& refined,
                 std::vector<IntrinsicsReport>& reports) {
   for (const IntrinsicsReport& camera : refined) {
-    if (!camera.refined) continue;
     IntrinsicsReport& report = ReportOf(camera, reports);
     report.refined = true;
     report.reason.clear();

@@ -127,9 +127,12 @@ class OuterLoop {
     options.distortion = true;
     options.shared = false;  // Those that are to be one are one already.
     cameras_ = FreeIntrinsics(options, {}, map_);
-    const auto count = std::count_if(cameras_.begin(), cameras_.end(),
-                                     [](const auto& camera) { return camera.refined; });
-    spdlog::info("the distortion of {} cameras may follow the heights", count);
+    std::erase_if(cameras_, [](const auto& camera) { return !camera.refined; });
+    if (cameras_.empty()) {
+      map_.problem.free_camera_params.clear();
+      return;
+    }
+    spdlog::info("the distortion of {} cameras may follow the heights", cameras_.size());
   }
 
   [[nodiscard]] bool Settled(const OuterIteration& iteration, int index) const {
@@ -260,14 +263,15 @@ PlanarResult AdjustWithGround(const OuterLoopSettings& settings, const SemanticM
   ground = AddGround(options, semantics, sigma_px, planes, map);
   LogGround(ground);
   if (!ground.in_use) return adjust(HeightWeights::kHonest);
-  if (options.refine_distortion && ground.spread_before > options.sigma_relative) {
-    PlanarResult result = adjust(HeightWeights::kRaisedWithLens);
-    const std::string doubts = result.Doubts();
-    if (doubts.empty()) return result;
-    spdlog::info("again with the lens as it was: {}", doubts);
+  const bool may_be_lens =
+      options.refine_distortion && ground.spread_before > options.sigma_relative;
+  PlanarResult result =
+      adjust(may_be_lens ? HeightWeights::kRaisedWithLens : HeightWeights::kRaised);
+  if (!result.report.cameras.empty() && !result.Doubts().empty()) {
+    spdlog::info("again with the lens as it was: {}", result.Doubts());
     restart(true);
+    result = adjust(HeightWeights::kRaised);
   }
-  PlanarResult result = adjust(HeightWeights::kRaised);
   if (result.doubts_about_heights.empty()) return result;
   if (options.mode == CameraHeightMode::kOn) {
     spdlog::warn("camera height: {}; it counts for less", result.doubts_about_heights);

@@ -55,8 +55,8 @@ struct OuterLoopSettings {
 struct PlanarReport {
   std::vector<OuterIteration> iterations;  // Empty: no plane took part.
   GroundReport ground;
-  /// Those that the camera's height was asked to refine, and which of their parameters (per camera
-  /// of the problem); empty: none.
+  /// Those that were refined with the camera's height, and which parameters (per camera of the
+  /// problem); empty: none.
   std::vector<IntrinsicsReport> cameras;
   std::vector<std::vector<int>> refined_camera_params;
 };
