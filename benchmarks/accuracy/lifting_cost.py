@@ -3,7 +3,8 @@
 
 Takes what s3-slam made of a sequence and lifts onto models in which every k-th frame is an image, so
 that the cost is seen to grow with the frames and the memory not. A loop that decodes one mask after the
-other, one that decodes on all cores, and s3-lift run alternately; medians are printed. Build s3-decode-masks with -DS3LAM_BENCHMARKS=ON.
+other, one that decodes on all cores, and s3-lift run alternately; medians are printed. Build
+s3-decode-masks with -DS3LAM_BENCHMARKS=ON.
 
   lifting_cost.py --slam DIR --masks DIR --classes FILE --bin DIR --output DIR
                   [--every 8 4 2 1] [--repeats 5] [--set KEY.PATH=VALUE]
@@ -21,6 +22,7 @@ import time
 from planes import rotate
 
 KEYPOINT = struct.Struct("<ddq")
+WALL, CPU = 0, 1  # Of what run() returns.
 
 
 def read_keyframes(slam):
@@ -131,19 +133,20 @@ def measure(arguments, every, mask_names):
     decode = [arguments.bin / "s3-decode-masks", masks]
     rounds = [(run([*decode, "1"]), run([*decode, "0"]), run(lift))
               for _ in range(arguments.repeats)]
+    loop, all_cores, lifted = zip(*rounds)
     report = json.loads((arguments.output / "lift" / "report.json").read_text())
-
-    def median(value):
-        return statistics.median(value(*times) for times in rounds)
-
     return {"images": count,
-            "loop s": median(lambda loop, _, __: loop[0]),
-            "all cores s": median(lambda _, cores, __: cores[0]),
-            "lift s": median(lambda _, __, lift: lift[0]),
-            "to loop": median(lambda loop, _, lift: lift[0] / loop[0]),
-            "to all cores": median(lambda _, cores, lift: lift[0] / cores[0]),
-            "cpu ratio": median(lambda loop, _, lift: lift[1] / loop[1]),
+            "loop s": statistics.median(wall for wall, _ in loop),
+            "all cores s": statistics.median(wall for wall, _ in all_cores),
+            "lift s": statistics.median(wall for wall, _ in lifted),
+            "to loop": median_ratio(lifted, loop, WALL),
+            "to all cores": median_ratio(lifted, all_cores, WALL),
+            "cpu ratio": median_ratio(lifted, loop, CPU),
             "peak MiB": report["peak_memory_mib"], "steps s": report["seconds"]}
+
+
+def median_ratio(runs, others, which):
+    return statistics.median(run[which] / other[which] for run, other in zip(runs, others))
 
 
 def main():

@@ -208,6 +208,21 @@ TEST(RefineCameraHeight, LeavesTheCameraWhereWhatItTellsCannotBeBelieved) {
             input.model.cameras.begin()->second.params);
 }
 
+TEST(RefineCameraHeight, KeepsCamerasThatTooLittleWasTakenWith) {
+  SyntheticMap map;
+  const Input input = MakeDriveWithWrongLens(map);
+  Options options;
+  options.intrinsics.min_images = 1000;
+  Output too_few;
+  const Report report = refine::Run(options, input, too_few);
+  EXPECT_TRUE(report.ground.in_use) << report.ground.reason;
+  EXPECT_TRUE(report.cameras.empty());
+  options.camera_height.refine_distortion = false;
+  Output kept;
+  refine::Run(options, input, kept);
+  EXPECT_TRUE(SameBytes(too_few.model, kept.model));
+}
+
 TEST(RefineBending, LongSurfacesOfBendingClassesAreCut) {
   const SyntheticMap map = MakeDrive();
   Options options;

@@ -59,7 +59,7 @@ std::vector<int> RefinedParams(const IntrinsicsOptions& options, CameraModel mod
 std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
                                              const HeldCameras& held, BundleMap& map);
 
-/// Of several cameras asked for, and none refined: why.
+/// Warns, and says why, where cameras were asked for and none is refined.
 void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
                          const std::vector<IntrinsicsReport>& reports);
 
