@@ -2,12 +2,12 @@
 """Plain bundle adjustment: s3-refine against `colmap bundle_adjuster`.
 
 Both start from the same perturbed model, minimise the same squared reprojection errors with the
-intrinsics fixed, and are timed in alternating pairs, whole programs with reading and writing. COLMAP
-runs twice: as it comes (100 iterations) and with the function tolerance at which s3-refine stops.
-Models are folders (--models) and synthetic drives of so many keyframes (--keyframes). Prints a
-Markdown table of medians and of the reprojection errors reached, CSV with --csv FILE; needs Python's
-standard library only. On a machine that others use compare the CPU times. Both programs obey
-OPENBLAS_NUM_THREADS.
+intrinsics fixed (--focal-lengths: the focal lengths refined), and are timed in alternating pairs,
+whole programs with reading and writing. COLMAP runs twice: as it comes (100 iterations) and with the
+function tolerance at which s3-refine stops. Models are folders (--models) and synthetic drives of so
+many keyframes (--keyframes). Prints a Markdown table of medians and of the reprojection errors
+reached, CSV with --csv FILE; needs Python's standard library only. On a machine that others use
+compare the CPU times. Both programs obey OPENBLAS_NUM_THREADS.
 
   cmake -S . -B build -DS3LAM_BENCHMARKS=ON && cmake --build build
   benchmarks/runtime/bundle_adjustment.py --bin build/bin --models DIR... --keyframes 200 1000 5000
@@ -25,8 +25,7 @@ import tempfile
 import time
 
 FUNCTION_TOLERANCE = 1e-6
-COLMAP = ["colmap", "bundle_adjuster", "--BundleAdjustment.refine_focal_length", "0",
-          "--BundleAdjustment.refine_extra_params", "0"]
+COLMAP = ["colmap", "bundle_adjuster", "--BundleAdjustment.refine_extra_params", "0"]
 # Squared errors of all observations, solved once: what COLMAP's program minimises.
 OURS = ["--set", "planes.mode=off", "--set", "keypoint_sigma_px=1",
         "--set", "solver.huber_reprojection=1000000",
@@ -66,11 +65,14 @@ def measure_model(programs, model, work, arguments):
         return json.loads(text)
 
     (work / "colmap").mkdir(exist_ok=True)
+    focal = arguments.focal_lengths
     paths = ["--input_path", perturbed, "--output_path", work / "colmap",
+             "--BundleAdjustment.refine_focal_length", str(int(focal)),
              "--BundleAdjustment.max_num_iterations", str(arguments.colmap_iterations)]
     arms = {
         "s3-refine": ([programs / "s3-refine", "--model", perturbed, "--output", work / "ours",
-                       "--overwrite", "--quiet", *OURS], work / "ours"),
+                       "--overwrite", "--quiet", *OURS,
+                       "--set", f"intrinsics.focal_length={str(focal).lower()}"], work / "ours"),
         "colmap": (COLMAP + paths, work / "colmap"),
         "colmap, same tolerance": (
             COLMAP + paths + ["--BundleAdjustment.function_tolerance", str(FUNCTION_TOLERANCE)],
@@ -98,6 +100,7 @@ def main():
     parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
     parser.add_argument("--models", type=pathlib.Path, nargs="*", default=[])
     parser.add_argument("--keyframes", type=int, nargs="*", default=[], help="synthetic drives")
+    parser.add_argument("--focal-lengths", action="store_true", help="refine them")
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--same-tolerance-only", action="store_true",
                         help="leave out COLMAP with its own tolerance")

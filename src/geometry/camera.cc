@@ -109,7 +109,7 @@ std::optional<Eigen::Vector2d> Camera::CameraFromImage(const Eigen::Vector2d& xy
   using Jet = ceres::Jet<double, 2>;
   constexpr int kMaxIterations = 50;
   constexpr double kTolerancePx = 1e-8;
-  std::array<Jet, 12> p;
+  std::array<Jet, kMaxCameraParams> p;
   for (size_t i = 0; i < params.size(); ++i) p[i] = Jet(params[i]);
   Eigen::Vector2d uv = guess;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -18,8 +19,6 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// Damping of a direction that no residual depends on.
 constexpr double kMinDiagonal = 1e-30;
 constexpr int kRowsPerItem = 16;
-
-using Matrix26 = Eigen::Matrix<double, 2, 6>;
 
 /// sqrt(rho'(s)) of Huber's loss.
 double HuberWeight(double squared, double threshold) {
@@ -119,6 +118,7 @@ NormalEquations::NormalEquations(const BundleSolverOptions& options, const Bundl
       u_(problem.observations.size()),
       normal_(problem.points_on_planes.size()),
       by_plane_(problem.points_on_planes.size()),
+      seen_(layout.seen.size()),
       cost_(problem.points.size(), 0.0),
       hessian_(problem.points.size()),
       factor_(problem.points.size()),
@@ -159,9 +159,9 @@ double NormalEquations::PointCost(size_t p, const Eigen::Vector3d& point,
   double sum = 0.0;
   for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
     const BundleObservation& o = problem_.observations[k];
-    const Camera& camera = problem_.cameras[problem_.camera_of_pose[o.pose]];
+    const int camera = problem_.camera_of_pose[o.pose];
     Eigen::Vector2d pixel;
-    if (!ProjectPoint(camera.model, camera.params.data(),
+    if (!ProjectPoint(problem_.cameras[camera].model, state.camera_params[camera].data(),
                       rotations[o.pose] * point + Translation(state.poses[o.pose]), &pixel,
                       nullptr)) {
       return kInfinity;
@@ -204,16 +204,36 @@ void NormalEquations::HoldScale(const BundleState& state) {
   held_direction_.tail<3>() = pose.rotation * (pose.CenterInB() - first.CenterInB()).normalized();
 }
 
-void NormalEquations::LinearizeChunk(const BundleState& state, size_t chunk, Sums& sums) {
+NormalEquations::Sums NormalEquations::ZeroSums() const {
+  Sums sums;
   sums.pose_hessian.assign(static_cast<size_t>(layout_.num_poses), Matrix6::Zero());
   sums.pose_gradient.assign(static_cast<size_t>(layout_.num_poses), Vector6::Zero());
   sums.plane_hessian.assign(static_cast<size_t>(layout_.num_planes), Eigen::Matrix3d::Zero());
   sums.plane_gradient.assign(static_cast<size_t>(layout_.num_planes), Eigen::Vector3d::Zero());
+  for (int i = layout_.first_camera(); i < layout_.num_variables(); ++i) {
+    const int size = layout_.size[i];
+    sums.camera_hessian.emplace_back(CameraRows<Eigen::Dynamic>::Zero(size, size));
+    sums.camera_gradient.emplace_back(CameraRows<1>::Zero(size));
+  }
+  if (layout_.num_cameras == 0) return sums;
+  for (const int pose : layout_.pose_of_variable) {
+    const int variable = CameraVariable(pose);
+    sums.camera_by_pose.emplace_back(
+        CameraRows<6>::Zero(variable < 0 ? 0 : layout_.size[variable], 6));
+  }
+  return sums;
+}
+
+void NormalEquations::LinearizeChunk(const BundleState& state, size_t chunk, Sums& sums) {
+  sums = ZeroSums();
   for (size_t p = layout_.chunk_begin[chunk]; p < layout_.chunk_begin[chunk + 1]; ++p) {
     if (!layout_.IsUsed(p)) continue;
     Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
     Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
     const double cost_before = sums.cost;
+    for (size_t k = layout_.seen_begin[p]; k < layout_.seen_begin[p + 1]; ++k) {
+      seen_[k].setZero(layout_.size[layout_.seen[k].variable], 3);
+    }
     for (size_t k = layout_.observation_begin[p]; k < layout_.observation_begin[p + 1]; ++k) {
       if (!LinearizeObservation(state, k, sums, hessian, gradient)) {
         sums.cost = kInfinity;
@@ -240,19 +260,21 @@ void NormalEquations::HoldPoint(size_t p) {
     u_[k].setZero();
   }
   for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) normal_[k].setZero();
+  for (size_t k = layout_.seen_begin[p]; k < layout_.seen_begin[p + 1]; ++k) seen_[k].setZero();
 }
 
 /// r = (proj(R X + t) - x) / sigma; the pose moves as in PoseManifold: d x_c = w x x_c + v.
 bool NormalEquations::LinearizeObservation(const BundleState& state, size_t k, Sums& sums,
                                            Eigen::Matrix3d& hessian, Eigen::Vector3d& gradient) {
   const BundleObservation& o = problem_.observations[k];
-  const Camera& camera = problem_.cameras[problem_.camera_of_pose[o.pose]];
+  const int camera = problem_.camera_of_pose[o.pose];
   const Eigen::Matrix3d& rotation = rotations_[o.pose];
   const Eigen::Vector3d in_camera =
       rotation * state.points[o.point] + Translation(state.poses[o.pose]);
   Eigen::Vector2d pixel;
   Matrix23 projection;
-  if (!ProjectPoint(camera.model, camera.params.data(), in_camera, &pixel, &projection)) {
+  if (!ProjectPoint(problem_.cameras[camera].model, state.camera_params[camera].data(), in_camera,
+                    &pixel, &projection)) {
     return false;
   }
   const double inverse_sigma = 1.0 / (options_.sigma_px * o.sigma);
@@ -266,23 +288,57 @@ bool NormalEquations::LinearizeObservation(const BundleState& state, size_t k, S
   hessian.noalias() += by_point.transpose() * by_point;
   gradient.noalias() += by_point.transpose() * residual;
   const int variable = layout_.variable_of_pose[o.pose];
-  if (variable < 0) {
-    u_[k].setZero();
-    return true;
+  Matrix26 by_pose = Matrix26::Zero();
+  if (variable >= 0) {
+    for (int row = 0; row < 2; ++row) {  // -a^T [x]_x = (x cross a)^T
+      by_pose.row(row).head<3>() = in_camera.cross(Eigen::Vector3d(projection.row(row)));
+    }
+    by_pose.rightCols<3>() = projection;
+    if (variable == layout_.held_pose) {
+      const Eigen::Vector2d along = by_pose * held_direction_;
+      by_pose.noalias() -= along * held_direction_.transpose();
+    }
+    sums.pose_hessian[variable].noalias() += by_pose.transpose() * by_pose;
+    sums.pose_gradient[variable].noalias() += by_pose.transpose() * residual;
   }
-  Matrix26 by_pose;
-  for (int row = 0; row < 2; ++row) {  // -a^T [x]_x = (x cross a)^T
-    by_pose.row(row).head<3>() = in_camera.cross(Eigen::Vector3d(projection.row(row)));
-  }
-  by_pose.rightCols<3>() = projection;
-  if (variable == layout_.held_pose) {
-    const Eigen::Vector2d along = by_pose * held_direction_;
-    by_pose.noalias() -= along * held_direction_.transpose();
-  }
-  sums.pose_hessian[variable].noalias() += by_pose.transpose() * by_pose;
-  sums.pose_gradient[variable].noalias() += by_pose.transpose() * residual;
   u_[k].noalias() = by_pose.transpose() * by_point;
+  if (layout_.variable_of_camera[camera] >= 0) {
+    const CameraRows<2> by_camera =
+        (weight * inverse_sigma) * CameraJacobian(camera, state, in_camera);
+    AddCamera(o, by_camera, residual, by_point, by_pose, sums);
+  }
   return true;
+}
+
+/// d(pixel) / d(free parameters), transposed.
+NormalEquations::CameraRows<2> NormalEquations::CameraJacobian(
+    int camera, const BundleState& state, const Eigen::Vector3d& in_camera) const {
+  const CameraModel model = problem_.cameras[camera].model;
+  std::array<double, 2 * kMaxCameraParams> by_all;
+  ProjectionParamsJacobian(model, state.camera_params[camera].data(), in_camera, by_all.data());
+  const std::vector<int>& free = problem_.free_camera_params[camera];
+  CameraRows<2> jacobian(static_cast<Eigen::Index>(free.size()), 2);
+  for (size_t f = 0; f < free.size(); ++f) {
+    jacobian.row(static_cast<Eigen::Index>(f)) << by_all[static_cast<size_t>(free[f])],
+        by_all[static_cast<size_t>(CameraModelNumParams(model) + free[f])];
+  }
+  return jacobian;
+}
+
+/// What an observation tells about its camera, and how that goes with its point and its pose.
+void NormalEquations::AddCamera(const BundleObservation& o, const CameraRows<2>& by_camera,
+                                const Eigen::Vector2d& residual,
+                                const Eigen::Matrix<double, 2, 3>& by_point,
+                                const Matrix26& by_pose, Sums& sums) {
+  const int variable = CameraVariable(o.pose);
+  const int camera = variable - layout_.first_camera();
+  sums.camera_hessian[camera] += by_camera.lazyProduct(by_camera.transpose());
+  sums.camera_gradient[camera] += by_camera.lazyProduct(residual);
+  const int pose = layout_.variable_of_pose[o.pose];
+  if (pose >= 0) sums.camera_by_pose[pose] += by_camera.lazyProduct(by_pose);
+  size_t k = layout_.seen_begin[o.point];
+  while (layout_.seen[k].variable != variable) ++k;
+  seen_[k] += by_camera.lazyProduct(by_point);
 }
 
 /// r = (n . (X - anchor) + h) / sigma; the plane moves as in AnchoredPlaneManifold.
@@ -310,24 +366,35 @@ void NormalEquations::LinearizePlaneTerm(const BundleState& state, size_t k, Sum
 void NormalEquations::AddSums(const std::vector<Sums>& sums) {
   pose_hessian_.assign(static_cast<size_t>(layout_.num_poses), Matrix6::Zero());
   plane_hessian_.assign(static_cast<size_t>(layout_.num_planes), Eigen::Matrix3d::Zero());
+  Sums zero = ZeroSums();
+  camera_hessian_ = std::move(zero.camera_hessian);
+  camera_by_pose_ = std::move(zero.camera_by_pose);
   gradient_c_ = Eigen::VectorXd::Zero(layout_.num_rows());
   diagonal_ = Eigen::VectorXd::Zero(layout_.num_rows());
   ForRows([&](int first, int last) {
     for (int i = first; i < last; ++i) {
       const int offset = layout_.offset[i];
-      if (i < layout_.num_poses) {
+      if (layout_.IsPose(i)) {
         for (const Sums& part : sums) {
           pose_hessian_[i] += part.pose_hessian[i];
           gradient_c_.segment<6>(offset) += part.pose_gradient[i];
+          if (!camera_by_pose_.empty()) camera_by_pose_[i] += part.camera_by_pose[i];
         }
         diagonal_.segment<6>(offset) = pose_hessian_[i].diagonal();
-      } else if (i < layout_.num_poses + layout_.num_planes) {
+      } else if (layout_.IsPlane(i)) {
         const int plane = i - layout_.num_poses;
         for (const Sums& part : sums) {
           plane_hessian_[plane] += part.plane_hessian[plane];
           gradient_c_.segment<3>(offset) += part.plane_gradient[plane];
         }
         diagonal_.segment<3>(offset) = plane_hessian_[plane].diagonal();
+      } else if (layout_.IsCamera(i)) {
+        const int camera = i - layout_.first_camera();
+        for (const Sums& part : sums) {
+          camera_hessian_[camera] += part.camera_hessian[camera];
+          gradient_c_.segment(offset, layout_.size[i]) += part.camera_gradient[camera];
+        }
+        diagonal_.segment(offset, layout_.size[i]) = camera_hessian_[camera].diagonal();
       }
     }
   });
@@ -392,6 +459,9 @@ bool NormalEquations::DampPoint(size_t p, double radius) {
   }
   for (size_t k = layout_.term_begin[p]; k < layout_.term_begin[p + 1]; ++k) {
     normal_[k] = (change_transposed * normal_[k]).eval();
+  }
+  for (size_t k = layout_.seen_begin[p]; k < layout_.seen_begin[p + 1]; ++k) {
+    seen_[k] = (seen_[k] * change).eval();
   }
   factor_[p] = factor;
   reduced_gradient_[p] = inverse * gradient_[p];

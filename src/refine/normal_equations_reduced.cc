@@ -13,13 +13,15 @@ namespace s3lam {
 Eigen::MatrixXd NormalEquations::DampedBlock(int i) const {
   const int size = layout_.size[i];
   Eigen::MatrixXd block = Eigen::MatrixXd::Zero(size, size);
-  if (i < layout_.num_poses) {
+  if (layout_.IsPose(i)) {
     block = pose_hessian_[i];
     if (i == layout_.held_pose) {
       block += (pose_hessian_[i].trace() / 6.0) * held_direction_ * held_direction_.transpose();
     }
-  } else if (i < layout_.num_poses + layout_.num_planes) {
+  } else if (layout_.IsPlane(i)) {
     block = plane_hessian_[i - layout_.num_poses];
+  } else if (layout_.IsCamera(i)) {
+    block = camera_hessian_[i - layout_.first_camera()];
   }
   block.diagonal() += damping_.segment(layout_.offset[i], size);
   return block;
@@ -36,10 +38,12 @@ void NormalEquations::FillReduced(BlockMatrix& matrix) const {
       auto panel = matrix.panel(i);
       panel.setZero();
       panel.topRows(layout_.size[i]) = DampedBlock(i);
-      if (i < layout_.num_poses) {
+      if (layout_.IsPose(i)) {
         FillPoseRow(i, place, matrix);
-      } else if (i < layout_.num_poses + layout_.num_planes) {
+      } else if (layout_.IsPlane(i)) {
         FillPlaneRow(i, place, matrix);
+      } else if (layout_.IsCamera(i)) {
+        FillCameraRow(i, place, matrix);
       }
     }
   });
@@ -61,6 +65,9 @@ void NormalEquations::FillPoseRow(int i, const std::vector<int>& place, BlockMat
   const auto stride = static_cast<size_t>(matrix.panel_rows(i));
   double* panel = matrix.panel(i).data();
   using Block = Eigen::Map<Matrix6, 0, Eigen::OuterStride<>>;
+  if (const int j = CameraVariable(layout_.pose_of_variable[i]); j >= 0) {
+    matrix.panel(i).middleRows(place[j], layout_.size[j]) += camera_by_pose_[i];
+  }
   for (size_t k = layout_.pose_begin[i]; k < layout_.pose_begin[i + 1]; ++k) {
     const size_t a = layout_.of_pose[k];
     const int point = problem_.observations[a].point;
@@ -80,6 +87,12 @@ void NormalEquations::FillPoseRow(int i, const std::vector<int>& place, BlockMat
           panel + place[j], Eigen::OuterStride<>(static_cast<Eigen::Index>(stride)))
           .noalias() -= by_plane_[c] * row;
     }
+    for (size_t c = layout_.seen_begin[point]; c < layout_.seen_begin[point + 1]; ++c) {
+      const int j = layout_.seen[c].variable;
+      Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 6>, 0, Eigen::OuterStride<>>(
+          panel + place[j], layout_.size[j], 6,
+          Eigen::OuterStride<>(static_cast<Eigen::Index>(stride))) -= seen_[c].lazyProduct(u_a);
+    }
   }
 }
 
@@ -96,6 +109,26 @@ void NormalEquations::FillPlaneRow(int i, const std::vector<int>& place,
       panel.middleRows<3>(place[j]).noalias() -=
           (normal_[b].dot(normal_[a]) * by_plane_[b]) * by_plane_[a].transpose();
     }
+    for (size_t c = layout_.seen_begin[point]; c < layout_.seen_begin[point + 1]; ++c) {
+      const int j = layout_.seen[c].variable;
+      panel.middleRows(place[j], layout_.size[j]) -=
+          (seen_[c] * normal_[a]).lazyProduct(by_plane_[a].transpose());
+    }
+  }
+}
+
+void NormalEquations::FillCameraRow(int i, const std::vector<int>& place,
+                                    BlockMatrix& matrix) const {
+  auto panel = matrix.panel(i);
+  const int camera = i - layout_.first_camera();
+  for (size_t k = layout_.camera_begin[camera]; k < layout_.camera_begin[camera + 1]; ++k) {
+    const size_t a = layout_.of_camera[k];
+    const int point = layout_.seen[a].point;
+    for (size_t b = layout_.seen_begin[point]; b < layout_.seen_begin[point + 1]; ++b) {
+      const int j = layout_.seen[b].variable;
+      if (j < i) continue;
+      panel.middleRows(place[j], layout_.size[j]) -= seen_[b].lazyProduct(seen_[a].transpose());
+    }
   }
 }
 
@@ -104,18 +137,25 @@ Eigen::VectorXd NormalEquations::ReducedRightSide() const {
   ForRows([&](int first, int last) {
     for (int i = first; i < last; ++i) {
       const int offset = layout_.offset[i];
-      if (i < layout_.num_poses) {
+      if (layout_.IsPose(i)) {
         for (size_t k = layout_.pose_begin[i]; k < layout_.pose_begin[i + 1]; ++k) {
           const size_t a = layout_.of_pose[k];
           right.segment<6>(offset).noalias() +=
               u_[a] * reduced_gradient_[problem_.observations[a].point];
         }
-      } else if (i < layout_.num_poses + layout_.num_planes) {
+      } else if (layout_.IsPlane(i)) {
         const int plane = i - layout_.num_poses;
         for (size_t k = layout_.plane_begin[plane]; k < layout_.plane_begin[plane + 1]; ++k) {
           const size_t a = layout_.of_plane[k];
           right.segment<3>(offset) +=
               normal_[a].dot(reduced_gradient_[problem_.points_on_planes[a].point]) * by_plane_[a];
+        }
+      } else if (layout_.IsCamera(i)) {
+        const int camera = i - layout_.first_camera();
+        for (size_t k = layout_.camera_begin[camera]; k < layout_.camera_begin[camera + 1]; ++k) {
+          const size_t a = layout_.of_camera[k];
+          right.segment(offset, layout_.size[i]) +=
+              seen_[a] * reduced_gradient_[layout_.seen[a].point];
         }
       }
     }
@@ -134,6 +174,10 @@ Eigen::Vector3d NormalEquations::TimesTransposed(size_t p, const Eigen::VectorXd
     const int i = layout_.variable_of_plane[problem_.points_on_planes[k].plane];
     if (i >= 0) sum += by_plane_[k].dot(x.segment<3>(layout_.offset[i])) * normal_[k];
   }
+  for (size_t k = layout_.seen_begin[p]; k < layout_.seen_begin[p + 1]; ++k) {
+    const int i = layout_.seen[k].variable;
+    sum += seen_[k].transpose() * x.segment(layout_.offset[i], layout_.size[i]);
+  }
   return sum;
 }
 
@@ -149,21 +193,35 @@ Eigen::VectorXd NormalEquations::MultiplyReduced(const Eigen::VectorXd& x) const
     for (int i = first; i < last; ++i) {
       const int offset = layout_.offset[i];
       y.segment(offset, layout_.size[i]) = DampedBlock(i) * x.segment(offset, layout_.size[i]);
-      if (i < layout_.num_poses) {
+      if (layout_.IsPose(i)) {
         for (size_t k = layout_.pose_begin[i]; k < layout_.pose_begin[i + 1]; ++k) {
           const size_t a = layout_.of_pose[k];
           y.segment<6>(offset).noalias() -= u_[a] * of_point[problem_.observations[a].point];
         }
-      } else if (i < layout_.num_poses + layout_.num_planes) {
+      } else if (layout_.IsPlane(i)) {
         const int plane = i - layout_.num_poses;
         for (size_t k = layout_.plane_begin[plane]; k < layout_.plane_begin[plane + 1]; ++k) {
           const size_t a = layout_.of_plane[k];
           y.segment<3>(offset) -=
               normal_[a].dot(of_point[problem_.points_on_planes[a].point]) * by_plane_[a];
         }
+      } else if (layout_.IsCamera(i)) {
+        const int camera = i - layout_.first_camera();
+        for (size_t k = layout_.camera_begin[camera]; k < layout_.camera_begin[camera + 1]; ++k) {
+          const size_t a = layout_.of_camera[k];
+          y.segment(offset, layout_.size[i]) -= seen_[a] * of_point[layout_.seen[a].point];
+        }
       }
     }
   });
+  for (size_t i = 0; i < camera_by_pose_.size(); ++i) {
+    const int camera = CameraVariable(layout_.pose_of_variable[i]);
+    if (camera < 0) continue;
+    auto y_camera = y.segment(layout_.offset[camera], layout_.size[camera]);
+    y_camera += camera_by_pose_[i] * x.segment<6>(layout_.offset[i]);
+    y.segment<6>(layout_.offset[i]) +=
+        camera_by_pose_[i].transpose() * x.segment(layout_.offset[camera], layout_.size[camera]);
+  }
   for (const LinearTerm& term : linear_terms_) {
     Eigen::VectorXd product = Eigen::VectorXd::Zero(term.residual.size());
     for (size_t a = 0; a < term.variables.size(); ++a) {
@@ -189,16 +247,22 @@ std::vector<Eigen::MatrixXd> NormalEquations::InverseDiagonalBlocks() const {
   ForRows([&](int first, int last) {
     for (int i = first; i < last; ++i) {
       Eigen::MatrixXd schur = blocks[i];
-      if (i < layout_.num_poses) {
+      if (layout_.IsPose(i)) {
         for (size_t k = layout_.pose_begin[i]; k < layout_.pose_begin[i + 1]; ++k) {
           const Matrix63& u = u_[layout_.of_pose[k]];
           schur.noalias() -= u * u.transpose();
         }
-      } else if (i < layout_.num_poses + layout_.num_planes) {
+      } else if (layout_.IsPlane(i)) {
         const int plane = i - layout_.num_poses;
         for (size_t k = layout_.plane_begin[plane]; k < layout_.plane_begin[plane + 1]; ++k) {
           const size_t a = layout_.of_plane[k];
           schur -= normal_[a].squaredNorm() * by_plane_[a] * by_plane_[a].transpose();
+        }
+      } else if (layout_.IsCamera(i)) {
+        const int camera = i - layout_.first_camera();
+        for (size_t k = layout_.camera_begin[camera]; k < layout_.camera_begin[camera + 1]; ++k) {
+          const CameraRows<3>& u = seen_[layout_.of_camera[k]];
+          schur -= u * u.transpose();
         }
       }
       // With a point seen twice by one image the sum above is not the block of the matrix and may
@@ -275,6 +339,7 @@ void NormalEquations::MoveStructure(const Eigen::VectorXd& step, const BundleSta
   moved.poses = state.poses;
   moved.planes = state.planes;
   moved.height = state.height;
+  moved.camera_params = state.camera_params;
   const PoseManifold pose_manifold;
   for (int i = 0; i < layout_.num_poses; ++i) {
     const int pose = layout_.pose_of_variable[i];
@@ -301,6 +366,14 @@ void NormalEquations::MoveStructure(const Eigen::VectorXd& step, const BundleSta
                         moved.planes[plane].data());
   }
   if (layout_.height_variable >= 0) moved.height += step[layout_.offset[layout_.height_variable]];
+  for (int k = 0; k < layout_.num_cameras; ++k) {
+    const int camera = layout_.camera_of_variable[k];
+    const int first = layout_.offset[layout_.first_camera() + k];
+    const std::vector<int>& free = problem_.free_camera_params[camera];
+    for (size_t f = 0; f < free.size(); ++f) {
+      moved.camera_params[camera][free[f]] += step[first + static_cast<Eigen::Index>(f)];
+    }
+  }
 }
 
 }  // namespace s3lam

@@ -26,9 +26,26 @@ NormalisedProjection ProjectRadial(double fx, double fy, double cx, double cy, d
           {fx * (k + two_dk * u * u), fx * cross, fy * cross, fy * (k + two_dk * v * v)}};
 }
 
+/// `d` are k1, k2, p1, p2: tangential terms beside the radial ones.
+NormalisedProjection ProjectOpenCv(double fx, double fy, double cx, double cy, const double* d,
+                                   double u, double v) {
+  NormalisedProjection projected = ProjectRadial(fx, fy, cx, cy, d[0], d[1], u, v);
+  const double p1 = d[2];
+  const double p2 = d[3];
+  const double r2 = u * u + v * v;
+  const double cross = 2.0 * (p1 * u + p2 * v);
+  projected.x += fx * (2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u));
+  projected.y += fy * (p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v);
+  projected.d[0] += fx * (2.0 * p1 * v + 6.0 * p2 * u);
+  projected.d[1] += fx * cross;
+  projected.d[2] += fy * cross;
+  projected.d[3] += fy * (6.0 * p1 * v + 2.0 * p2 * u);
+  return projected;
+}
+
 NormalisedProjection ProjectByJets(CameraModel model, const double* p, double u, double v) {
   using Jet = ceres::Jet<double, 2>;
-  std::array<Jet, 12> params;
+  std::array<Jet, kMaxCameraParams> params;
   for (int i = 0; i < CameraModelNumParams(model); ++i) params[static_cast<size_t>(i)] = Jet(p[i]);
   const std::array<Jet, 3> xyz{Jet(u, 0), Jet(v, 1), Jet(1.0)};
   std::array<Jet, 2> xy;
@@ -46,8 +63,27 @@ NormalisedProjection ProjectNormalised(CameraModel model, const double* p, doubl
       return ProjectRadial(p[0], p[0], p[1], p[2], p[3], 0.0, u, v);
     case CameraModel::kRadial:
       return ProjectRadial(p[0], p[0], p[1], p[2], p[3], p[4], u, v);
+    case CameraModel::kOpenCv:
+      return ProjectOpenCv(p[0], p[1], p[2], p[3], p + 4, u, v);
     default:
       return ProjectByJets(model, p, u, v);
+  }
+}
+
+template <int kNumParams>
+void ParamsJacobianByJets(CameraModel model, const double* params,
+                          const Eigen::Vector3d& point_in_camera, double* jacobian) {
+  using Jet = ceres::Jet<double, kNumParams>;
+  const int n = CameraModelNumParams(model);
+  std::array<Jet, kNumParams> p;
+  for (int i = 0; i < n; ++i) p[static_cast<size_t>(i)] = Jet(params[i], i);
+  const std::array<Jet, 3> xyz{Jet(point_in_camera.x()), Jet(point_in_camera.y()),
+                               Jet(point_in_camera.z())};
+  std::array<Jet, 2> xy;
+  ImageFromCamera(model, p.data(), xyz.data(), xy.data());
+  for (int i = 0; i < n; ++i) {
+    jacobian[i] = xy[0].v[i];
+    jacobian[n + i] = xy[1].v[i];
   }
 }
 
@@ -77,18 +113,12 @@ bool ProjectPoint(CameraModel model, const double* params, const Eigen::Vector3d
 
 void ProjectionParamsJacobian(CameraModel model, const double* params,
                               const Eigen::Vector3d& point_in_camera, double* jacobian) {
-  constexpr int kMaxParams = 12;
-  using Jet = ceres::Jet<double, kMaxParams>;
-  const int n = CameraModelNumParams(model);
-  std::array<Jet, kMaxParams> p;
-  for (int i = 0; i < n; ++i) p[static_cast<size_t>(i)] = Jet(params[i], i);
-  const std::array<Jet, 3> xyz{Jet(point_in_camera.x()), Jet(point_in_camera.y()),
-                               Jet(point_in_camera.z())};
-  std::array<Jet, 2> xy;
-  ImageFromCamera(model, p.data(), xyz.data(), xy.data());
-  for (int i = 0; i < n; ++i) {
-    jacobian[i] = xy[0].v[i];
-    jacobian[n + i] = xy[1].v[i];
+  // Of all models but one the derivatives fill whole vector registers.
+  constexpr int kFew = 8;
+  if (CameraModelNumParams(model) <= kFew) {
+    ParamsJacobianByJets<kFew>(model, params, point_in_camera, jacobian);
+  } else {
+    ParamsJacobianByJets<kMaxCameraParams>(model, params, point_in_camera, jacobian);
   }
 }
 

@@ -123,8 +123,9 @@ class ReducedSystem {
 };
 
 BundleState StateOf(const BundleProblem& problem) {
-  BundleState state{problem.poses, problem.points, {}, problem.height};
+  BundleState state{problem.poses, problem.points, {}, problem.height, {}};
   for (const AnchoredPlane& plane : problem.planes) state.planes.push_back(plane.parameters);
+  for (const Camera& camera : problem.cameras) state.camera_params.push_back(camera.params);
   return state;
 }
 
@@ -217,6 +218,9 @@ class SchurBundle {
       problem_.planes[k].parameters = state_.planes[k];
     }
     problem_.height = state_.height;
+    for (size_t c = 0; c < problem_.cameras.size(); ++c) {
+      problem_.cameras[c].params = state_.camera_params[c];
+    }
   }
 
   const BundleSolverOptions& options_;
@@ -238,20 +242,14 @@ class SchurBundle {
 }  // namespace
 
 bool CanSolveBySchur(const BundleProblem& problem) {
-  const bool estimates_cameras =
-      std::any_of(problem.free_camera_params.begin(), problem.free_camera_params.end(),
-                  [](const auto& params) { return !params.empty(); });
-  const bool has_exact_points =
-      std::any_of(problem.points_on_planes.begin(), problem.points_on_planes.end(),
-                  [](const PointOnPlane& term) { return term.is_exact; });
-  return !estimates_cameras && !has_exact_points;
+  return std::none_of(problem.points_on_planes.begin(), problem.points_on_planes.end(),
+                      [](const PointOnPlane& term) { return term.is_exact; });
 }
 
 BundleSolverReport SolveBundleBySchur(const BundleSolverOptions& options, BundleProblem& problem) {
   if (!CanSolveBySchur(problem)) {
     throw std::runtime_error(
-        "the Schur solver takes neither free camera parameters nor points exactly on planes: leave "
-        "solver.backend at auto");
+        "the Schur solver does not take points exactly on planes: leave solver.backend at auto");
   }
   if (options.max_iterations < 0 || !(options.function_tolerance >= 0.0)) {
     throw std::runtime_error(fmt::format(

@@ -67,8 +67,36 @@ void FindVariables(const BundleProblem& problem, const std::vector<StructureTerm
     layout.height_variable = layout.num_variables();
     layout.size.push_back(1);
   }
+  layout.variable_of_camera.assign(problem.cameras.size(), -1);
+  for (size_t i = 0; i < pose_used.size(); ++i) {
+    const int camera = problem.camera_of_pose[i];
+    const int num_free = problem.NumFreeParams(camera);
+    if (pose_used[i] == 0 || num_free == 0 || layout.variable_of_camera[camera] >= 0) continue;
+    layout.variable_of_camera[camera] = layout.num_variables();
+    layout.camera_of_variable.push_back(camera);
+    layout.size.push_back(num_free);
+    ++layout.num_cameras;
+  }
   layout.offset.assign(1, 0);
   for (const int size : layout.size) layout.offset.push_back(layout.offset.back() + size);
+}
+
+/// Which points are seen with which of the cameras that are variables.
+void FindPointsInCameras(const BundleProblem& problem, SchurLayout& layout) {
+  if (layout.num_cameras > 0) {
+    int point = -1;
+    size_t begin = 0;  // Of the point's entries.
+    for (const BundleObservation& o : problem.observations) {
+      if (o.point != point) begin = layout.seen.size();
+      point = o.point;
+      const int variable = layout.variable_of_camera[problem.camera_of_pose[o.pose]];
+      const bool is_new =
+          std::none_of(layout.seen.begin() + static_cast<std::ptrdiff_t>(begin), layout.seen.end(),
+                       [&](const PointInCamera& seen) { return seen.variable == variable; });
+      if (variable >= 0 && is_new) layout.seen.push_back({point, variable});
+    }
+  }
+  layout.seen_begin = RangesOfPoints(layout.seen, problem.points.size());
 }
 
 void CutIntoChunks(size_t num_observations, SchurLayout& layout) {
@@ -111,14 +139,19 @@ class CoupledFinder {
 
   std::vector<int> Find(int i) {
     found_.clear();
-    if (i < layout_.num_poses) {
+    if (layout_.IsPose(i)) {
       for (size_t k = layout_.pose_begin[i]; k < layout_.pose_begin[i + 1]; ++k) {
         VisitPoint(problem_.observations[layout_.of_pose[k]].point, i);
       }
-    } else if (i < layout_.num_poses + layout_.num_planes) {
+    } else if (layout_.IsPlane(i)) {
       const int plane = i - layout_.num_poses;
       for (size_t k = layout_.plane_begin[plane]; k < layout_.plane_begin[plane + 1]; ++k) {
         VisitPoint(problem_.points_on_planes[layout_.of_plane[k]].point, i);
+      }
+    } else if (layout_.IsCamera(i)) {
+      const int camera = i - layout_.first_camera();
+      for (size_t k = layout_.camera_begin[camera]; k < layout_.camera_begin[camera + 1]; ++k) {
+        VisitPoint(layout_.seen[layout_.of_camera[k]].point, i);
       }
     }
     return found_;
@@ -132,6 +165,9 @@ class CoupledFinder {
     }
     for (size_t k = layout_.term_begin[point]; k < layout_.term_begin[point + 1]; ++k) {
       Add(layout_.variable_of_plane[problem_.points_on_planes[k].plane], i);
+    }
+    for (size_t k = layout_.seen_begin[point]; k < layout_.seen_begin[point + 1]; ++k) {
+      Add(layout_.seen[k].variable, i);
     }
   }
   void Add(int j, int i) {
@@ -165,6 +201,7 @@ SchurLayout MakeSchurLayout(const BundleProblem& problem, const std::vector<Stru
   layout.observation_begin = RangesOfPoints(problem.observations, problem.points.size());
   layout.term_begin = RangesOfPoints(problem.points_on_planes, problem.points.size());
   FindVariables(problem, terms, layout);
+  FindPointsInCameras(problem, layout);
   CutIntoChunks(problem.observations.size(), layout);
   SortByVariable(
       problem.observations.size(), layout.num_poses,
@@ -178,6 +215,10 @@ SchurLayout MakeSchurLayout(const BundleProblem& problem, const std::vector<Stru
         return v < 0 || !layout.IsUsed(static_cast<size_t>(term.point)) ? -1 : v - layout.num_poses;
       },
       layout.plane_begin, layout.of_plane);
+  SortByVariable(
+      layout.seen.size(), layout.num_cameras,
+      [&](size_t k) { return layout.seen[k].variable - layout.first_camera(); },
+      layout.camera_begin, layout.of_camera);
   return layout;
 }
 

@@ -14,6 +14,7 @@ namespace {
 struct Parts {
   bool planes = false;
   bool structure = false;  // Relations between the planes and heights of the cameras.
+  int cameras = 0;         // So many, whose parameters are estimated, but for the last one's.
 };
 
 int MostParallel(const std::vector<AnchoredPlane>& planes, int plane) {
@@ -25,6 +26,24 @@ int MostParallel(const std::vector<AnchoredPlane>& planes, int plane) {
     if (k != plane && cosine(k) > cosine(best)) best = k;
   }
   return best;
+}
+
+/// Takes images in turn for those of several cameras that are a little off what they should be.
+void FreeCameras(int count, BundleProblem& problem) {
+  Camera camera = problem.cameras.front();
+  const double focal = camera.MeanFocal();
+  camera.params = {focal, focal, 0.5 * camera.width, 0.5 * camera.height, 0.0, 0.0, 0.0, 0.0};
+  camera.model = CameraModel::kOpenCv;
+  for (int c = 0; c < count; ++c) {
+    problem.free_camera_params.push_back({0, 1, 4, 5});
+    camera.params[4] = 0.002 * c;
+    problem.cameras.push_back(camera);
+  }
+  problem.cameras.erase(problem.cameras.begin());
+  problem.free_camera_params.back().clear();
+  for (size_t i = 0; i < problem.poses.size(); ++i) {
+    problem.camera_of_pose[i] = static_cast<int>(i) % count;
+  }
 }
 
 BundleProblem MakeProblem(const Parts& parts, double outliers = 0.0) {
@@ -42,6 +61,7 @@ BundleProblem MakeProblem(const Parts& parts, double outliers = 0.0) {
   SelectObservations(OutlierOptions(), 1.0, true, map);
   map.problem.gauge = ChooseGauge(map.problem);
   BundleProblem& problem = map.problem;
+  if (parts.cameras > 0) FreeCameras(parts.cameras, problem);
   if (!parts.planes) return problem;
   for (size_t k = 0; k < problem.observations.size(); ++k) {
     problem.observations[k].sigma = 0.8 + 0.2 * static_cast<double>(k % 3);
@@ -98,13 +118,21 @@ double LargestDifference(const BundleProblem& a, const BundleProblem& b) {
   for (size_t k = 0; k < a.planes.size(); ++k) {
     largest = std::max(largest, (a.planes[k].parameters - b.planes[k].parameters).norm());
   }
+  for (size_t c = 0; c < a.cameras.size(); ++c) {
+    for (size_t i = 0; i < a.cameras[c].params.size(); ++i) {
+      const double change = a.cameras[c].params[i] - b.cameras[c].params[i];
+      largest = std::max(largest, std::abs(change) / a.cameras[c].MeanFocal());
+    }
+  }
   return largest;
 }
 
 bool SameBytes(const BundleProblem& a, const BundleProblem& b) {
   return a.poses == b.poses && a.points == b.points && a.height == b.height &&
          std::equal(a.planes.begin(), a.planes.end(), b.planes.begin(),
-                    [](const auto& x, const auto& y) { return x.parameters == y.parameters; });
+                    [](const auto& x, const auto& y) { return x.parameters == y.parameters; }) &&
+         std::equal(a.cameras.begin(), a.cameras.end(), b.cameras.begin(),
+                    [](const auto& x, const auto& y) { return x.params == y.params; });
 }
 
 class SchurBundleTest : public ::testing::TestWithParam<Parts> {};
@@ -185,7 +213,8 @@ TEST_P(SchurBundleTest, WhatIsConstantStaysAndTheScaleIsHeld) {
 
 INSTANTIATE_TEST_SUITE_P(Problems, SchurBundleTest,
                          ::testing::Values(Parts{false, false}, Parts{true, false},
-                                           Parts{true, true}));
+                                           Parts{true, true}, Parts{false, false, 2},
+                                           Parts{true, true, 2}, Parts{true, true, 4}));
 
 TEST(SchurBundle, APointSeenTwiceByAnImageCountsTwice) {
   BundleProblem start = MakeProblem({});
@@ -212,14 +241,17 @@ TEST(SchurBundle, NotANumberIsRefused) {
   EXPECT_THROW(SolveBundleBySchur(BundleSolverOptions(), problem), std::runtime_error);
 }
 
-TEST(SchurBundle, CameraParametersAreLeftToCeres) {
-  BundleProblem problem = MakeProblem({});
-  problem.free_camera_params = {{0}};
-  EXPECT_FALSE(CanSolveBySchur(problem));
-  EXPECT_THROW(SolveBundleBySchur(BundleSolverOptions(), problem), std::runtime_error);
-  const double focal = problem.cameras[0].params[0];
-  SolveBundle(BundleSolverOptions(), problem);
-  EXPECT_NE(problem.cameras[0].params[0], focal);
+TEST(SchurBundle, OnlyFreeCameraParametersMove) {
+  const BundleProblem start = MakeProblem({false, false, 3});
+  BundleProblem problem = start;
+  SolveBundleBySchur(BundleSolverOptions(), problem);
+  for (size_t c = 0; c < start.cameras.size(); ++c) {
+    const std::vector<int>& free = start.free_camera_params[c];
+    for (int i = 0; i < static_cast<int>(start.cameras[c].params.size()); ++i) {
+      const bool moved = problem.cameras[c].params[i] != start.cameras[c].params[i];
+      EXPECT_EQ(moved, std::find(free.begin(), free.end(), i) != free.end()) << c << " " << i;
+    }
+  }
 }
 
 TEST(SchurBundle, AllPosesConstantMeansTriangulation) {

@@ -25,6 +25,7 @@ enum class CameraModel : int {
   kRadialFisheye = 9,        // f, cx, cy, k1, k2
 };
 inline constexpr int kNumCameraModels = 10;
+inline constexpr int kMaxCameraParams = 12;
 
 /// "SIMPLE_PINHOLE", ...
 std::string_view CameraModelName(CameraModel model);
@@ -33,7 +34,7 @@ std::string SupportedCameraModels();
 std::optional<CameraModel> CameraModelFromName(std::string_view name);
 /// Empty for an id that is unknown or not supported.
 std::optional<CameraModel> CameraModelFromId(int id);
-/// Number of parameters.
+/// Number of parameters, kMaxCameraParams at the most.
 int CameraModelNumParams(CameraModel model);
 /// True if the model has one focal length for both axes.
 bool CameraModelHasSingleFocal(CameraModel model);

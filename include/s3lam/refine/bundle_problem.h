@@ -107,6 +107,10 @@ struct BundleProblem {
   [[nodiscard]] bool IsConstantPoint(int point) const {
     return !point_is_constant.empty() && point_is_constant[point] != 0;
   }
+  /// Of a camera: how many of its parameters are optimised.
+  [[nodiscard]] int NumFreeParams(int camera) const {
+    return free_camera_params.empty() ? 0 : static_cast<int>(free_camera_params[camera].size());
+  }
   /// The centre of a pose's camera, in the world.
   [[nodiscard]] Eigen::Vector3d CenterOf(int pose) const;
 };

@@ -4,8 +4,7 @@
 
 namespace s3lam {
 
-/// False for problems that only Ceres solves: with camera parameters that are estimated, or points
-/// exactly on planes.
+/// False for problems that only Ceres solves: with points exactly on planes.
 bool CanSolveBySchur(const BundleProblem& problem);
 
 /// The same minimisation as Ceres does in SolveBundle (Levenberg-Marquardt with the same rules for
