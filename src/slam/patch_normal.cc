@@ -171,8 +171,9 @@ bool NormalEstimator::AddTarget(TargetPatch& target, SlopeEquations& equations) 
   const auto patch = refiner_.WarpedPatch(reference_, target.view->level, *warp);
   const cv::Mat& image = target.view->pyramid->levels[target.view->level];
   if (!patch || !IsInside(image, target.center, patch->half + 1.0)) return false;
-  const Eigen::Matrix2d inverse = warp->inverse() / kDifference;
-  AddPatch(*patch, inverse * (*warp_x - *warp), inverse * (*warp_y - *warp), target, equations);
+  const Eigen::Matrix2d inverse = warp->linear.inverse() / kDifference;
+  AddPatch(*patch, inverse * (warp_x->linear - warp->linear),
+           inverse * (warp_y->linear - warp->linear), target, equations);
   return true;
 }
 

@@ -11,6 +11,25 @@ namespace {
 
 constexpr double kMinNormalCosine = 0.05;  // Planes seen at a flatter angle are not warped.
 
+/// Of the rays from the point's pixel, in steps.
+const std::array<Eigen::Vector2d, 6> kOffsets{
+    Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(1.0, 0.0),  Eigen::Vector2d(-1.0, 0.0),
+    Eigen::Vector2d(0.0, 1.0), Eigen::Vector2d(0.0, -1.0), Eigen::Vector2d(1.0, 1.0)};
+
+/// The quadratic map through what is seen at kOffsets times a step.
+PatchWarp WarpThrough(const std::array<Eigen::Vector2d, 6>& seen, double step) {
+  const auto& [center, right, left, below, above, corner] = seen;
+  PatchWarp warp;
+  warp.linear.col(0) = (right - left) / (2.0 * step);
+  warp.linear.col(1) = (below - above) / (2.0 * step);
+  const double squared = step * step;
+  warp.uu = (right + left - 2.0 * center) / (2.0 * squared);
+  warp.vv = (below + above - 2.0 * center) / (2.0 * squared);
+  warp.uv = (corner - center - warp.linear * Eigen::Vector2d::Constant(step)) / squared - warp.uu -
+            warp.vv;
+  return warp;
+}
+
 }  // namespace
 
 void PatchRefinerOptions::Visit(OptionVisitor& v) {
@@ -35,10 +54,8 @@ std::optional<PatchRefiner::TargetRays> PatchRefiner::RaysOf(const PatchView& ta
   TargetRays rays;
   rays.center_in_world = world_from_target.translation;
   rays.step = options_.half_size * std::pow(scale_factor_, target.level);
-  const std::array<Eigen::Vector2d, 3> offsets{
-      Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(rays.step, 0.0), Eigen::Vector2d(0.0, rays.step)};
-  for (size_t i = 0; i < offsets.size(); ++i) {
-    const auto undistorted = undistorter_.Undistort(*projected + offsets[i]);
+  for (size_t i = 0; i < kOffsets.size(); ++i) {
+    const auto undistorted = undistorter_.Undistort(*projected + rays.step * kOffsets[i]);
     if (!undistorted) return std::nullopt;
     rays.rays_in_world[i] = world_from_target.rotation *
                             undistorter_.intrinsics().Normalize(*undistorted).homogeneous();
@@ -46,11 +63,12 @@ std::optional<PatchRefiner::TargetRays> PatchRefiner::RaysOf(const PatchView& ta
   return rays;
 }
 
-std::optional<Eigen::Matrix2d> PatchRefiner::ReferenceFromTarget(
-    const PatchView& reference, const TargetRays& target, const Eigen::Vector3d& point,
-    const Eigen::Vector3d& normal) const {
+std::optional<PatchWarp> PatchRefiner::ReferenceFromTarget(const PatchView& reference,
+                                                           const TargetRays& target,
+                                                           const Eigen::Vector3d& point,
+                                                           const Eigen::Vector3d& normal) const {
   const double plane_distance = (point - target.center_in_world).dot(normal);
-  std::array<Eigen::Vector2d, 3> seen;
+  std::array<Eigen::Vector2d, 6> seen;
   for (size_t i = 0; i < seen.size(); ++i) {
     const Eigen::Vector3d& ray = target.rays_in_world[i];
     const double slope = ray.dot(normal);
@@ -60,26 +78,24 @@ std::optional<Eigen::Matrix2d> PatchRefiner::ReferenceFromTarget(
     if (!pixel) return std::nullopt;
     seen[i] = *pixel;
   }
-  Eigen::Matrix2d warp;
-  warp.col(0) = (seen[1] - seen[0]) / target.step;
-  warp.col(1) = (seen[2] - seen[0]) / target.step;
-  const double area = warp.determinant();
+  const PatchWarp warp = WarpThrough(seen, target.step);
+  const double area = warp.linear.determinant();
   if (!(area > 0.05) || area > 20.0) return std::nullopt;
   return warp;
 }
 
 std::optional<PatchTemplate> PatchRefiner::WarpedPatch(const PatchView& reference, int target_level,
-                                                       const Eigen::Matrix2d& warp) const {
+                                                       const PatchWarp& warp) const {
   // Sample the reference on the level on which one step of the target's level is about one pixel.
   const double target_scale = std::pow(scale_factor_, target_level);
-  const double step = target_scale * std::sqrt(warp.determinant());
+  const double step = target_scale * std::sqrt(warp.linear.determinant());
   const int top = static_cast<int>(reference.pyramid->levels.size()) - 1;
   const int level =
       std::clamp(static_cast<int>(std::lround(std::log(step) / std::log(scale_factor_))), 0, top);
   const double reference_scale = std::pow(scale_factor_, level);
   return MakePatchTemplate(reference.pyramid->levels[level],
                            reference.pyramid->ToLevel(reference.pixel, level),
-                           warp * (target_scale / reference_scale), options_.half_size);
+                           warp.Scaled(target_scale, reference_scale), options_.half_size);
 }
 
 std::optional<Eigen::Vector2d> PatchRefiner::Align(const PatchView& reference,

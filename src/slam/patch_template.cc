@@ -61,20 +61,27 @@ void SamplePatch(const cv::Mat& image, const Eigen::Vector2d& center, int half,
 }
 
 std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen::Vector2d& center,
-                                               const Eigen::Matrix2d& warp, int half) {
+                                               const PatchWarp& warp, int half) {
   // One wider on each side for the gradients.
-  const double reach = (half + 1) * (warp.cwiseAbs().rowwise().sum().maxCoeff());
+  const int end = half + 1;
+  const Eigen::Vector2d second = warp.uu.cwiseAbs() + warp.uv.cwiseAbs() + warp.vv.cwiseAbs();
+  const double reach = end * (warp.linear.cwiseAbs().rowwise().sum() + end * second).maxCoeff();
   if (!IsInside(image, center, reach + 1.0)) return std::nullopt;
   const int side = 2 * half + 1;
   const int wide = side + 2;
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> samples(wide, wide);
-  const Eigen::Matrix2f step = warp.cast<float>();
-  for (int v = 0; v < wide; ++v) {
-    const Eigen::Vector2f row =
-        center.cast<float>() + step.col(1) * static_cast<float>(v - half - 1);
-    for (int u = 0; u < wide; ++u) {
-      const Eigen::Vector2f at = row + step.col(0) * static_cast<float>(u - half - 1);
-      samples(v, u) = SampleImage(image, at.x(), at.y());
+  const Eigen::Matrix2f linear = warp.linear.cast<float>();
+  const Eigen::Vector2f uu = warp.uu.cast<float>();
+  const Eigen::Vector2f uv = warp.uv.cast<float>();
+  const Eigen::Vector2f vv = warp.vv.cast<float>();
+  for (int j = 0; j < wide; ++j) {
+    const auto v = static_cast<float>(j - end);
+    const Eigen::Vector2f row = center.cast<float>() + v * (linear.col(1) + v * vv);
+    const Eigen::Vector2f slope = linear.col(0) + v * uv;
+    for (int i = 0; i < wide; ++i) {
+      const auto u = static_cast<float>(i - end);
+      const Eigen::Vector2f at = row + u * (slope + u * uu);
+      samples(j, i) = SampleImage(image, at.x(), at.y());
     }
   }
   PatchTemplate patch;

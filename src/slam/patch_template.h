@@ -16,6 +16,21 @@ struct PatchTemplate {
   float deviation = 0.0F;
 };
 
+/// Where an image shows what another one shows at an offset (u, v) from a place:
+/// linear (u, v) + uu u^2 + uv u v + vv v^2.
+struct PatchWarp {
+  Eigen::Matrix2d linear = Eigen::Matrix2d::Identity();
+  Eigen::Vector2d uu = Eigen::Vector2d::Zero();
+  Eigen::Vector2d uv = Eigen::Vector2d::Zero();
+  Eigen::Vector2d vv = Eigen::Vector2d::Zero();
+
+  /// For offsets in pixels `from` times as large, into ones `to` times as large.
+  [[nodiscard]] PatchWarp Scaled(double from, double to) const {
+    const double second = from * from / to;
+    return {linear * (from / to), uu * second, uv * second, vv * second};
+  }
+};
+
 /// Is `xy` [px] at least `margin` from all edges, with room for interpolation?
 bool IsInside(const cv::Mat& image, const Eigen::Vector2d& xy, double margin);
 
@@ -24,10 +39,10 @@ bool IsInside(const cv::Mat& image, const Eigen::Vector2d& xy, double margin);
 void SamplePatch(const cv::Mat& image, const Eigen::Vector2d& center, int half,
                  Eigen::VectorXf& values);
 
-/// Samples an image at center + warp * offset for offsets of the target's level, (2 half + 1)^2 of
-/// them. Empty at the image's edge and without texture.
+/// Samples an image around a place where `warp` brings offsets of the target's level, (2 half +
+/// 1)^2 of them. Empty at the image's edge and without texture.
 std::optional<PatchTemplate> MakePatchTemplate(const cv::Mat& image, const Eigen::Vector2d& center,
-                                               const Eigen::Matrix2d& warp, int half);
+                                               const PatchWarp& warp, int half);
 
 /// What an image at a place differs from the patch by [grey levels], once it has the patch's
 /// contrast and `brightness` is taken off: exposure and shading change both.

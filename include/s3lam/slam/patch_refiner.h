@@ -23,6 +23,7 @@ struct PatchRefinerOptions {
 
 class NormalEstimator;
 struct PatchTemplate;
+struct PatchWarp;
 
 /// What a patch alignment needs to know of one observation.
 struct PatchView {
@@ -33,11 +34,11 @@ struct PatchView {
 };
 
 /// Finds observations to a fraction of a pixel: the patch around one observation of a point, warped
-/// by the affine map that a small plane through the point gives, is aligned with the image of
-/// another (Gauss-Newton on the shift and a brightness offset, inverse compositional: Baker and
-/// Matthews 2004; contrast is compared by the correlation). Where the plane is not the surface's,
-/// places drift along a track as the view gets more or less oblique, which moves the point off the
-/// surface.
+/// as a small plane through the point would look from there (to second order), is aligned with the
+/// image of another (Gauss-Newton on the shift and a brightness offset, inverse compositional:
+/// Baker and Matthews 2004; contrast is compared by the correlation). Where the plane is not the
+/// surface's, places drift along a track as the view gets more or less oblique, which moves the
+/// point off the surface.
 class PatchRefiner {
  public:
   PatchRefiner(const PatchRefinerOptions& options, const FeatureOptions& feature_options,
@@ -63,23 +64,24 @@ class PatchRefiner {
  private:
   friend class NormalEstimator;
 
-  /// Rays of a target through the point's pixel and `step` pixels right of and below it.
+  /// Rays of a target through the point's pixel and others `step` pixels around it (kOffsets).
   struct TargetRays {
     Eigen::Vector3d center_in_world;
-    std::array<Eigen::Vector3d, 3> rays_in_world;
+    std::array<Eigen::Vector3d, 6> rays_in_world;
     double step = 0.0;  // px
   };
 
   [[nodiscard]] std::optional<TargetRays> RaysOf(const PatchView& target,
                                                  const Eigen::Vector3d& point) const;
-  /// d(reference pixel) / d(target pixel); empty where the plane is not seen.
-  [[nodiscard]] std::optional<Eigen::Matrix2d> ReferenceFromTarget(
-      const PatchView& reference, const TargetRays& target, const Eigen::Vector3d& point,
-      const Eigen::Vector3d& normal) const;
+  /// Offsets in the reference by those in the target [px]; empty where the plane is not seen.
+  [[nodiscard]] std::optional<PatchWarp> ReferenceFromTarget(const PatchView& reference,
+                                                             const TargetRays& target,
+                                                             const Eigen::Vector3d& point,
+                                                             const Eigen::Vector3d& normal) const;
   /// The reference's patch as it looks in a target on one of its levels.
   [[nodiscard]] std::optional<PatchTemplate> WarpedPatch(const PatchView& reference,
                                                          int target_level,
-                                                         const Eigen::Matrix2d& warp) const;
+                                                         const PatchWarp& warp) const;
 
   const PatchRefinerOptions& options_;
   double scale_factor_;
