@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <span>
 #include <vector>
 
 #include "slam/slam_fixture.h"
@@ -109,7 +110,7 @@ TEST_F(PatchRefinerTest, RefusesTheImagesEdge) {
       refiner_.Align(reference, target, PointAt(pixel), Eigen::Vector3d::UnitZ()).has_value());
 }
 
-/// A wall that recedes to the right, seen by cameras side by side.
+/// A wall that recedes to the right, seen by cameras side by side and by one nearer to it.
 class ObliqueWallTest : public ::testing::Test {
  protected:
   ObliqueWallTest()
@@ -120,15 +121,19 @@ class ObliqueWallTest : public ::testing::Test {
     const PinholeIntrinsics& in = undistorter_.intrinsics();
     Eigen::Matrix3d k;
     k << in.fx, 0.0, in.cx, 0.0, in.fy, in.cy, 0.0, 0.0, 1.0;
+    Eigen::Matrix3d from_opencv =
+        Eigen::Matrix3d::Identity();  // Whose pixels are at whole numbers.
+    from_opencv.topRightCorner<2, 1>().setConstant(0.5);
     for (size_t i = 0; i < targets_.size(); ++i) {
-      poses_[i].translation.x() = i == 0 ? -0.6 : 0.6;
+      poses_[i].translation = translations_[i];
       homographies_[i] =
           k *
           (Eigen::Matrix3d::Identity() + poses_[i].translation * normal_.transpose() / kDistance) *
           k.inverse();
+      const Eigen::Matrix3d in_opencv = from_opencv.inverse() * homographies_[i] * from_opencv;
       cv::Matx33d h;
       for (int r = 0; r < 3; ++r) {
-        for (int c = 0; c < 3; ++c) h(r, c) = homographies_[i](r, c);
+        for (int c = 0; c < 3; ++c) h(r, c) = in_opencv(r, c);
       }
       cv::Mat image;
       cv::warpPerspective(reference, image, h, reference.size(), cv::INTER_CUBIC,
@@ -137,17 +142,47 @@ class ObliqueWallTest : public ::testing::Test {
     }
   }
 
+  /// A corner of the reference's image and where the others show it.
+  struct Corner {
+    PatchView reference;
+    Eigen::Vector3d point;
+    std::array<PatchView, 3> views;  // Off by half a pixel.
+    std::array<Eigen::Vector2d, 3> truths;
+  };
+  [[nodiscard]] std::vector<Corner> Corners() const {
+    std::vector<Corner> corners;
+    const FrameFeatures features = ExtractFeatures(features_, undistorter_, reference_.levels[0]);
+    for (int i = 0; i < features.size(); i += 5) {
+      const Keypoint& keypoint = features.keypoint(i);
+      const Eigen::Vector2d pixel = keypoint.pixel.cast<double>();
+      const Eigen::Vector3d ray = undistorter_.intrinsics().Normalize(pixel).homogeneous();
+      if (ray.dot(normal_) < 0.2) continue;
+      Corner& corner = corners.emplace_back();
+      corner.reference = {&reference_, {}, pixel, keypoint.level};
+      corner.point = kDistance / ray.dot(normal_) * ray;
+      for (size_t k = 0; k < corner.views.size(); ++k) {
+        corner.truths[k] = (homographies_[k] * pixel.homogeneous()).hnormalized();
+        const Eigen::Vector2d start = corner.truths[k] + Eigen::Vector2d(0.3, -0.3);
+        corner.views[k] = {&targets_[k], poses_[k], start, keypoint.level};
+      }
+    }
+    return corners;
+  }
+
   static constexpr double kDistance = 2.0;  // Of the wall's plane from the reference.
 
   const Eigen::Vector3d normal_ = Eigen::Vector3d(-0.8, 0.0, 0.6);
+  const std::array<Eigen::Vector3d, 3> translations_{Eigen::Vector3d(-0.6, 0.0, 0.0),
+                                                     Eigen::Vector3d(0.6, 0.0, 0.0),
+                                                     Eigen::Vector3d(0.0, 0.0, -0.6)};
   FeatureOptions features_;
   PatchRefinerOptions options_;
   Undistorter undistorter_;
   PatchRefiner refiner_;
   ImagePyramid reference_;
-  std::array<Rigid3, 2> poses_;
-  std::array<Eigen::Matrix3d, 2> homographies_;
-  std::array<ImagePyramid, 2> targets_;
+  std::array<Rigid3, 3> poses_;
+  std::array<Eigen::Matrix3d, 3> homographies_;
+  std::array<ImagePyramid, 3> targets_;
 };
 
 TEST_F(ObliqueWallTest, NormalIsFoundAndPlacesAreTruerForIt) {
@@ -155,35 +190,39 @@ TEST_F(ObliqueWallTest, NormalIsFoundAndPlacesAreTruerForIt) {
   std::vector<double> angles;
   double error_facing = 0.0;
   double error_wall = 0.0;
-  const FrameFeatures corners = ExtractFeatures(features_, undistorter_, reference_.levels[0]);
-  for (int i = 0; i < corners.size(); i += 5) {
-    const Keypoint& keypoint = corners.keypoint(i);
-    const Eigen::Vector2d pixel = keypoint.pixel.cast<double>();
-    const Eigen::Vector3d ray = undistorter_.intrinsics().Normalize(pixel).homogeneous();
-    if (ray.dot(normal_) < 0.2) continue;
-    const Eigen::Vector3d point = kDistance / ray.dot(normal_) * ray;
-    std::array<PatchView, 2> views;
-    std::array<Eigen::Vector2d, 2> truths;
-    for (size_t k = 0; k < views.size(); ++k) {
-      truths[k] = (homographies_[k] * pixel.homogeneous()).hnormalized();
-      views[k] = {&targets_[k], poses_[k], truths[k] + Eigen::Vector2d(0.3, -0.3), keypoint.level};
-    }
-    const PatchView reference{&reference_, {}, pixel, keypoint.level};
-    const Eigen::Vector3d normal = refiner_.EstimateNormal(reference, views, point, facing);
+  for (const Corner& corner : Corners()) {
+    const auto sideways = std::span(corner.views).first(2);
+    const Eigen::Vector3d normal =
+        refiner_.EstimateNormal(corner.reference, sideways, corner.point, facing);
     EXPECT_NEAR(normal.norm(), 1.0, 1e-9);
-    for (size_t k = 0; k < views.size(); ++k) {
-      const auto plain = refiner_.Align(reference, views[k], point, facing);
-      const auto truer = refiner_.Align(reference, views[k], point, normal);
+    for (size_t k = 0; k < sideways.size(); ++k) {
+      const auto plain = refiner_.Align(corner.reference, sideways[k], corner.point, facing);
+      const auto truer = refiner_.Align(corner.reference, sideways[k], corner.point, normal);
       if (!plain || !truer) continue;
       angles.push_back(std::acos(std::min(1.0, normal.dot(normal_))));
-      error_facing += (*plain - truths[k]).squaredNorm();
-      error_wall += (*truer - truths[k]).squaredNorm();
+      error_facing += (*plain - corner.truths[k]).squaredNorm();
+      error_wall += (*truer - corner.truths[k]).squaredNorm();
     }
   }
   ASSERT_GT(angles.size(), 50U);
   std::nth_element(angles.begin(), angles.begin() + angles.size() / 2, angles.end());
   EXPECT_LT(angles[angles.size() / 2], 8.0 * std::numbers::pi / 180.0);  // 53 degrees at the start
   EXPECT_LT(error_wall, 0.25 * error_facing);
+}
+
+TEST_F(ObliqueWallTest, PerspectiveDoesNotShiftPlaces) {
+  double shift = 0.0;  // Mean along the direction in which the wall recedes [px of the level].
+  int count = 0;
+  for (const Corner& corner : Corners()) {
+    const PatchView& nearer = corner.views.back();
+    const auto found = refiner_.Align(corner.reference, nearer, corner.point, normal_);
+    if (!found) continue;
+    const double scale = std::pow(features_.scale_factor, nearer.level);
+    shift += (found->x() - corner.truths.back().x()) / scale;
+    ++count;
+  }
+  ASSERT_GT(count, 50);
+  EXPECT_LT(std::abs(shift / count), 0.002);  // An affine map would shift by 0.005.
 }
 
 TEST_F(ObliqueWallTest, NormalFacesTheCamerasWithoutEvidence) {
