@@ -10,4 +10,10 @@ inline double Huber(double squared, double threshold) {
   return 2.0 * threshold * std::sqrt(squared) - threshold * threshold;
 }
 
+/// sqrt(rho'(s)) of Huber's loss.
+inline double HuberWeight(double squared, double threshold) {
+  if (squared <= threshold * threshold) return 1.0;
+  return std::sqrt(threshold / std::sqrt(squared));
+}
+
 }  // namespace s3lam
