@@ -41,9 +41,12 @@ struct Truth {
 /// Of surfaces that are flat: a street's ground has a best plane, too.
 std::vector<KnownPlane> FlatPlanes(const std::string& path) {
   nlohmann::json scene = ReadJson(path);
-  std::erase_if(scene.at("objects").get_ref<nlohmann::json::array_t&>(), [](const auto& object) {
+  const auto bends = [](const nlohmann::json& object) {
     return object.contains("plane_gt") && object["plane_gt"].value("max_distance_m", 0.0) > kFlat;
-  });
+  };
+  if (scene.contains("objects") && scene["objects"].is_array()) {
+    std::erase_if(scene["objects"].get_ref<nlohmann::json::array_t&>(), bends);
+  }
   return KnownPlanesFromJson(scene, "gt", {}, path);
 }
 
@@ -102,7 +105,9 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
   const fs::path folder = Required(arguments, "model");
   const Reconstruction model = ReadColmapModel(folder);
   const Trajectory times = ReadTumTrajectory(folder / "keyframes.txt");
-  const SemanticMap semantics = ReadSemanticMap(Required(arguments, "semantics"));
+  const std::string lifted = Required(arguments, "semantics");
+  const SemanticMap semantics = ReadSemanticMap(lifted);
+  CheckMadeFromModel(semantics, FingerprintOfModel(model), lifted);
   const Truth truth{ReadTrajectory(Required(arguments, "ground-truth")),
                     FlatPlanes(Required(arguments, "objects"))};
 
@@ -120,7 +125,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
 
   const double without = plain.ate_translation.rmse;
   nlohmann::json tried = nlohmann::json::array();
-  std::string table = fmt::format("{} true planes; keyframes off without them {:.5f}, with them",
+  std::string table = fmt::format("{} true planes; keyframes off without them {:.3g}, with them",
                                   planes.size(), without);
   for (const double sigma : kSigmas) {
     BundleMap held = map;
@@ -129,7 +134,7 @@ void Run(const po::variables_map& arguments, const CommonArguments& common) {
     const double error = ErrorsOf(held.problem, times, truth).ate_translation.rmse;
     tried.push_back({{"sigma_pixels", sigma}, {"ate", error}});
     table +=
-        fmt::format(" {:.5f} ({} px, {:+.1f} %)", error, sigma, 100.0 * (error / without - 1.0));
+        fmt::format(" {:.3g} ({} px, {:+.1f} %)", error, sigma, 100.0 * (error / without - 1.0));
   }
   const nlohmann::json report{{"keyframes", times.size()},
                               {"planes", planes.size()},
