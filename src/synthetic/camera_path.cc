@@ -11,11 +11,11 @@
 namespace s3lam {
 namespace {
 
-// Uniform cubic B-spline at parameter s in [0, 1] over the whole curve.
+// Uniform cubic B-spline at parameter s in [0, 1] over the whole curve; it goes on as its ends do.
 Eigen::Vector3d EvaluateSpline(const std::vector<Eigen::Vector3d>& knots, double s) {
   const double spans = static_cast<double>(knots.size()) - 3.0;
-  const double x = std::clamp(s, 0.0, 1.0) * spans;
-  const double span = std::min(std::floor(x), spans - 1.0);
+  const double x = s * spans;
+  const double span = std::clamp(std::floor(x), 0.0, spans - 1.0);
   const double t = x - span;
   const size_t k = static_cast<size_t>(span);
   const double r = 1.0 - t;

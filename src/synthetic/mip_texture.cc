@@ -29,11 +29,13 @@ MipTexture::MipTexture(const cv::Mat& bgr) {
   }
 }
 
-MipTexture::Sampler MipTexture::At(float lod, float dither) const {
+MipTexture::Sampler MipTexture::At(float lod) const {
   const float top = static_cast<float>(levels_.size() - 1);
-  // Rounding down happens above zero, so that it is the floor.
-  const float level = std::clamp(std::max(lod, 0.0F) + dither, 0.0F, top);
-  return Sampler(levels_[static_cast<size_t>(level)]);
+  const float level = std::clamp(lod, 0.0F, top);
+  const auto fine = static_cast<size_t>(level);
+  const size_t coarse = std::min(fine + 1, levels_.size() - 1);
+  const float share = level - static_cast<float>(fine);
+  return {levels_[fine], levels_[coarse], static_cast<uint32_t>(share * 256.0F + 0.5F)};
 }
 
 }  // namespace s3lam::synthetic

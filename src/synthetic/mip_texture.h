@@ -40,11 +40,10 @@ class MipTexture {
   [[nodiscard]] int width() const { return levels_.front().width; }
   [[nodiscard]] int height() const { return levels_.front().height; }
 
-  /// One level of the pyramid, chosen once for neighbouring samples.
+  /// Of one level of detail, chosen once for neighbouring samples.
   class Sampler;
-  /// `lod` = log2 of the footprint in texels of level 0. The level is the one below lod + dither:
-  /// averaged over dithers spread evenly over [0, 1), samples blend the two nearest levels.
-  [[nodiscard]] Sampler At(float lod, float dither) const;
+  /// `lod` = log2 of the footprint in texels of level 0: samples blend the two nearest levels.
+  [[nodiscard]] Sampler At(float lod) const;
 
  private:
   struct Level {
@@ -55,12 +54,15 @@ class MipTexture {
     std::vector<uint32_t> texels;
   };
 
+  class LevelSampler;
+
   std::vector<Level> levels_;
 };
 
-class MipTexture::Sampler {
+/// Of one level of the pyramid.
+class MipTexture::LevelSampler {
  public:
-  explicit Sampler(const Level& level)
+  explicit LevelSampler(const Level& level)
       : texels_(level.texels.data()),
         width_(level.width),
         scale_x_(level.scale_x),
@@ -91,6 +93,23 @@ class MipTexture::Sampler {
   const uint32_t* texels_;
   int width_;
   float scale_x_, scale_y_, last_x_, last_y_;
+};
+
+class MipTexture::Sampler {
+ public:
+  /// weight: of the coarse level, in [0, 256].
+  Sampler(const Level& fine, const Level& coarse, uint32_t weight)
+      : fine_(fine), coarse_(coarse), weight_(weight) {}
+
+  /// At (x, y) texels of level 0 (first texel's centre at 0.5), clamped at the border.
+  [[nodiscard]] Lanes operator()(float x, float y) const {
+    const Lanes fine = fine_(x, y);
+    return weight_ == 0 ? fine : Blend(fine, coarse_(x, y), weight_);
+  }
+
+ private:
+  LevelSampler fine_, coarse_;
+  uint32_t weight_;
 };
 
 }  // namespace s3lam::synthetic

@@ -58,7 +58,6 @@ struct SubExposure {
   const synthetic::RayTable* rays = nullptr;
   synthetic::View view;
   std::vector<Shading> shadings;  // Per surface; refers to the view.
-  float dither = 0.0F;            // Of the level of detail.
 };
 
 // Consecutive pixels of a row that show one surface.
@@ -79,9 +78,9 @@ struct Renderer::Impl {
   [[nodiscard]] std::vector<Shading> MakeShadings(const synthetic::View& view) const;
   [[nodiscard]] float PolygonDetail(const Shading& shading, float x, float y,
                                     float inverse_depth) const;
-  void ShadePolygon(const Shading& shading, int surface, float dither, const Run& run) const;
-  [[nodiscard]] Lanes ShadeCurved(const Shading& shading, int surface, float dither, float x,
-                                  float y, float inverse_depth) const;
+  void ShadePolygon(const Shading& shading, int surface, const Run& run) const;
+  [[nodiscard]] Lanes ShadeCurved(const Shading& shading, int surface, float x, float y,
+                                  float inverse_depth) const;
   void ShadeRun(const SubExposure& exposure, int surface, const Run& run) const;
   /// Around `time_s`.
   void PrepareExposures(double time_s, std::array<SubExposure, kSamples>& exposures) const;
@@ -199,11 +198,10 @@ float Renderer::Impl::PolygonDetail(const Shading& s, float x, float y, float in
 }
 
 // Neighbouring pixels of one surface share the level of detail.
-void Renderer::Impl::ShadePolygon(const Shading& s, int surface, float dither,
-                                  const Run& run) const {
+void Renderer::Impl::ShadePolygon(const Shading& s, int surface, const Run& run) const {
   const size_t middle = run.count / 2;
   const float lod = PolygonDetail(s, run.x[middle], run.y[middle], run.inverse_depth[middle]);
-  const auto sampler = textures[static_cast<size_t>(surface)].At(lod, dither);
+  const auto sampler = textures[static_cast<size_t>(surface)].At(lod);
   const float u_x = s.u[0], u_y = s.u[1], u_1 = s.u[2], v_x = s.v[0], v_y = s.v[1], v_1 = s.v[2];
   for (size_t i = 0; i < run.count; ++i) {
     const float depth = 1.0F / run.inverse_depth[i];
@@ -213,7 +211,7 @@ void Renderer::Impl::ShadePolygon(const Shading& s, int surface, float dither,
   }
 }
 
-Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float dither, float x, float y,
+Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float x, float y,
                                   float inverse_depth) const {
   const auto index = static_cast<size_t>(surface);
   const Surface& shape = scene.surfaces[index];
@@ -244,7 +242,7 @@ Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float dither, f
   const double texels_per_m = texture.width() / frames[index].size_m.x();
   const auto minor = static_cast<float>(depth * pixel_x * texels_per_m);
   const auto major = static_cast<float>(minor / slant);
-  const auto sampler = texture.At(LevelOfDetail(major * major, minor * minor), dither);
+  const auto sampler = texture.At(LevelOfDetail(major * major, minor * minor));
   const Lanes color = sampler(static_cast<float>(u * texture.width()),
                               static_cast<float>((1.0 - v) * texture.height()));
   return synthetic::Scale(color, Light(normal));
@@ -253,12 +251,11 @@ Lanes Renderer::Impl::ShadeCurved(const Shading& s, int surface, float dither, f
 void Renderer::Impl::ShadeRun(const SubExposure& exposure, int surface, const Run& run) const {
   const Shading& shading = exposure.shadings[static_cast<size_t>(surface)];
   if (shading.curved == nullptr) {
-    ShadePolygon(shading, surface, exposure.dither, run);
+    ShadePolygon(shading, surface, run);
     return;
   }
   for (size_t i = 0; i < run.count; ++i) {
-    run.sums[i] +=
-        ShadeCurved(shading, surface, exposure.dither, run.x[i], run.y[i], run.inverse_depth[i]);
+    run.sums[i] += ShadeCurved(shading, surface, run.x[i], run.y[i], run.inverse_depth[i]);
   }
 }
 
@@ -272,7 +269,6 @@ void Renderer::Impl::PrepareExposures(double time_s,
     exposure.rays = &sample_rays[k];
     exposure.view = synthetic::PrepareView(scene, sample_rays[k], world_from_camera.Inverse());
     exposure.shadings = MakeShadings(exposure.view);
-    exposure.dither = static_cast<float>(share);
   }
 }
 

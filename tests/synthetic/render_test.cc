@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "s3lam/base/rng.h"
+#include "s3lam/base/statistics.h"
 #include "s3lam/synthetic/ray_cast.h"
 
 namespace s3lam {
@@ -155,6 +156,48 @@ TEST_P(EveryScene, ImagesMoveAsTheGeometrySays) {
   EXPECT_GE(tried, 150);
   // The rest are corners at depth edges, whose surroundings do not move together.
   EXPECT_GE(right, 0.8 * tried) << right << " of " << tried;
+}
+
+/// How far what `moved` shows in a window lies from where `still` shows it [px], to first order.
+std::optional<Eigen::Vector2d> ShiftOf(const cv::Mat& moved, const cv::Mat& still,
+                                       const cv::Rect& window) {
+  Eigen::Matrix2d hessian = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d right = Eigen::Vector2d::Zero();
+  for (int y = window.y; y < window.br().y; ++y) {
+    for (int x = window.x; x < window.br().x; ++x) {
+      const Eigen::Vector2d slope(moved.at<uint8_t>(y, x + 1) - moved.at<uint8_t>(y, x - 1),
+                                  moved.at<uint8_t>(y + 1, x) - moved.at<uint8_t>(y - 1, x));
+      hessian += 0.25 * slope * slope.transpose();
+      right += 0.5 * slope * (still.at<uint8_t>(y, x) - moved.at<uint8_t>(y, x));
+    }
+  }
+  const double samples = window.area();
+  if (hessian.determinant() < 1e3 * samples * samples) return std::nullopt;  // No texture.
+  return hessian.inverse() * right;
+}
+
+TEST_P(EveryScene, BlurredImagesShowTheMiddleOfTheirExposure) {
+  const int kWindow = 32;
+  const Scene sharp_scene = MakeScene(GetParam(), 1, {.noise_factor = 0.0, .motion_blur = 0.0});
+  const Scene scene = MakeScene(GetParam(), 1, {.noise_factor = 0.0, .motion_blur = 2.0});
+  const Renderer renderer(scene, 2);
+  const Renderer sharp_renderer(sharp_scene, 2);
+  for (const int frame : {0, scene.num_frames / 3}) {
+    const cv::Mat blurred = Gray(renderer.Render(frame).image);
+    const cv::Mat sharp = Gray(sharp_renderer.Render(frame).image);
+    std::vector<double> x, y;
+    for (int top = 1; top + kWindow < sharp.rows; top += kWindow) {
+      for (int left = 1; left + kWindow < sharp.cols; left += kWindow) {
+        const auto shift = ShiftOf(blurred, sharp, {left, top, kWindow, kWindow});
+        if (!shift) continue;
+        x.push_back(shift->x());
+        y.push_back(shift->y());
+      }
+    }
+    ASSERT_GE(x.size(), 20U);
+    EXPECT_NEAR(Median(x), 0.0, 0.02) << "frame " << frame;
+    EXPECT_NEAR(Median(y), 0.0, 0.02) << "frame " << frame;
+  }
 }
 
 TEST_P(EveryScene, NeighbouringFramesOverlap) {

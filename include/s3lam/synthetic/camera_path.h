@@ -26,8 +26,8 @@ class CameraPath {
   CameraPath(std::vector<Eigen::Vector3d> positions, std::vector<Eigen::Vector3d> targets,
              double duration_s, const Shake& shake, uint64_t seed);
 
-  /// The camera at `time_s`; the path stands still before 0 and after its duration but for the
-  /// shake.
+  /// The camera at `time_s`. The path goes on shortly before 0 and after its duration, as far as
+  /// an exposure reaches.
   [[nodiscard]] Rigid3 WorldFromCamera(double time_s) const;
   [[nodiscard]] double duration_s() const { return duration_s_; }
   /// The same path in another time; the shake keeps its frequencies.
