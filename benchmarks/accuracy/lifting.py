@@ -540,7 +540,8 @@ def centre_rms(model, trajectory, rate_hz):
 REFINE_ARMS = {
     "without planes": ["planes.mode=off"],
     "planes": ["camera_height.mode=off"],
-    "planes, camera height, lens as given": ["camera_height.refine_distortion=false"],
+    "planes, camera height, camera as given": ["camera_height.refine_camera=none"],
+    "planes, camera height, distortion": ["camera_height.refine_camera=distortion"],
     "planes, camera height": [],
     "without planes, distortion refined": ["planes.mode=off", "intrinsics.distortion=true"],
 }

@@ -16,6 +16,7 @@ namespace s3lam {
 namespace {
 
 constexpr std::array<std::string_view, 3> kModeNames{"auto", "on", "off"};
+constexpr std::array<std::string_view, 3> kRefinedWithHeightsNames{"none", "distortion", "all"};
 /// Cameras that are looked at for a first guess of the height.
 constexpr size_t kMaxCamerasForGuess = 60;
 /// A ground point may lie this many heights of path beyond the cameras that see it.
@@ -351,10 +352,11 @@ void CameraHeightOptions::Visit(OptionVisitor& v) {
   v.Value("auto_min_coverage", auto_min_coverage,
           "auto: least part of the cameras with ground under them", 0.0, 1.0);
   v.Value("min_points", min_points, "least number of ground points of a stretch", 3, 1000000);
-  v.Value(
-      "refine_distortion", refine_distortion,
-      "where heights vary by more than sigma_relative, refine radial distortions with them (and "
-      "what else of intrinsics is asked for): a scale that drifts is mostly the lens");
+  v.Choice("refine_camera", refine_camera, kRefinedWithHeightsNames,
+           "where heights vary by more than sigma_relative, what of the cameras is refined with "
+           "them (and what else of intrinsics is asked for), as a scale that drifts is mostly a "
+           "wrong camera: none, radial distortions, or all, and less of it where the map does not "
+           "follow like that");
 }
 
 GroundReport AddGround(const CameraHeightOptions& options, const SemanticMap& semantics,

@@ -239,6 +239,7 @@ std::vector<IntrinsicsReport> FreeIntrinsics(const IntrinsicsOptions& options,
       }
       problem.free_camera_params[c] = RefinedParams(options, camera.model);
       report.refined = true;
+      report.pinhole_is_refined = options.focal_length && options.principal_point;
     }
     report.model_after = CameraModelName(camera.model);
     report.after = camera.params;
@@ -278,6 +279,10 @@ void AddRefined(const std::vector<IntrinsicsReport>& refined,
     report.after = camera.after;
     report.distortion_cost_share = 0.0;
     report.distortion_is_doubtful = false;
+    if (!camera.pinhole_is_refined) continue;
+    report.pinhole_is_refined = true;
+    report.pinhole_cost_share = 0.0;
+    report.better_pinhole.clear();
   }
 }
 

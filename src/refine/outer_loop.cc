@@ -15,25 +15,28 @@
 namespace s3lam {
 namespace {
 
-/// May the weight of the heights be raised until the map follows, and may the lens then follow
-/// too? If the map does not follow, the heights vary in reality, or the ground is not what it was
-/// taken for.
-enum class HeightWeights { kHonest, kRaised, kRaisedWithLens };
+/// May the weight of the heights be raised until the map follows, and what of the cameras may then
+/// follow too? If the map does not follow, the heights vary in reality, or the ground is not what
+/// it was taken for.
+struct HeightPull {
+  bool raised = false;
+  RefinedWithHeights cameras = RefinedWithHeights::kNone;
+};
 
 class OuterLoop {
  public:
   /// `planes` and `classes` may be null: without planes.
   OuterLoop(const OuterLoopSettings& settings, const ClassTable* classes, PlaneModel* planes,
-            BundleMap& map, HeightWeights weights = HeightWeights::kHonest)
+            BundleMap& map, const HeightPull& pull = {})
       : settings_(settings),
         classes_(classes),
         planes_(planes),
         map_(map),
-        weights_(weights),
+        pull_(pull),
         heights_(settings.camera_height, settings.planes.sigma, settings.solver.sigma_px) {}
 
   std::vector<OuterIteration> Run() {
-    if (weights_ == HeightWeights::kRaisedWithLens) FreeDistortion();
+    if (pull_.cameras != RefinedWithHeights::kNone) FreeCameras();
     for (int i = 0; i < settings_.outer.max_iterations; ++i) {
       const Timer timer;
       OuterIteration iteration;
@@ -42,7 +45,7 @@ class OuterLoop {
         if (i > 0) {
           UpdatePlanes();
           if (i == 1) RelatePlanes();
-          if (weights_ != HeightWeights::kHonest) heights_.Update(*planes_, map_.problem);
+          if (pull_.raised) heights_.Update(*planes_, map_.problem);
           if (heights_.contradicted()) break;
         }
         iteration.membership = AssignPoints(settings_.planes.membership, settings_.planes.sigma,
@@ -75,7 +78,7 @@ class OuterLoop {
   [[nodiscard]] std::string DoubtsAboutHeights() const { return heights_.Doubts(); }
   /// In the end no plane had enough points near it.
   [[nodiscard]] bool lost_planes() const { return lost_planes_; }
-  /// Whose distortion follows the heights; empty: none.
+  /// That follow the heights.
   [[nodiscard]] const std::vector<IntrinsicsReport>& cameras() const { return cameras_; }
 
  private:
@@ -120,11 +123,15 @@ class OuterLoop {
     if (!relations.empty()) spdlog::info("{} relations between planes", relations.size());
   }
 
-  /// What bundle adjustment is too sure of the scale by is what its cameras leave out: a radial
-  /// distortion that is off by a pixel at the border makes the scale drift.
-  void FreeDistortion() {
+  /// What bundle adjustment is too sure of the scale by is what its cameras leave out: a
+  /// distortion that is off by a pixel at the border makes the scale drift, and so does a principal
+  /// point.
+  void FreeCameras() {
     IntrinsicsOptions options = settings_.intrinsics;
     options.distortion = true;
+    if (pull_.cameras == RefinedWithHeights::kAll) {
+      options.focal_length = options.principal_point = options.tangential = true;
+    }
     options.shared = false;  // Those that are to be one are one already.
     cameras_ = FreeIntrinsics(options, {}, map_);
     std::erase_if(cameras_, [](const auto& camera) { return !camera.refined; });
@@ -132,7 +139,9 @@ class OuterLoop {
       map_.problem.free_camera_params.clear();
       return;
     }
-    spdlog::info("the distortion of {} cameras may follow the heights", cameras_.size());
+    spdlog::info("{} of {} cameras may follow the heights",
+                 pull_.cameras == RefinedWithHeights::kAll ? "all parameters" : "the distortion",
+                 cameras_.size());
   }
 
   [[nodiscard]] bool Settled(const OuterIteration& iteration, int index) const {
@@ -174,7 +183,7 @@ class OuterLoop {
   PlaneModel* planes_;
   BundleMap& map_;
   ExactPlanes exact_;
-  HeightWeights weights_;
+  HeightPull pull_;
   CameraHeights heights_;
   std::vector<OuterIteration> iterations_;
   bool lost_planes_ = false;
@@ -217,7 +226,7 @@ struct PlanarResult {
 };
 
 PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticMap& semantics,
-                              HeightWeights weights, PlaneModel& planes, BundleMap& map) {
+                              const HeightPull& pull, PlaneModel& planes, BundleMap& map) {
   if (planes.planes.empty()) return {};
   for (size_t k = 0; k < planes.planes.size(); ++k) {
     // The ground under the cameras is what their heights are measured from: never held.
@@ -226,7 +235,7 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
   }
   const std::vector<Camera> cameras = map.problem.cameras;
   InitialisePlanes(settings.planes, settings.solver.sigma_px, planes, map.problem);
-  OuterLoop loop(settings, &semantics.class_table, &planes, map, weights);
+  OuterLoop loop(settings, &semantics.class_table, &planes, map, pull);
   PlanarResult result;
   result.report.iterations = loop.Run();
   result.doubts_about_heights = loop.DoubtsAboutHeights();
@@ -237,10 +246,15 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
     TellParameters(map, result.report.cameras);
     result.report.refined_camera_params = std::exchange(map.problem.free_camera_params, {});
   }
-  if (weights == HeightWeights::kHonest || result.Doubts().empty()) {
+  if (!pull.raised || result.Doubts().empty()) {
     FlattenPoints(settings.solver, settings.planes.sigma, planes, settings.journal, map.problem);
   }
   return result;
+}
+
+RefinedWithHeights LessThan(RefinedWithHeights cameras) {
+  return cameras == RefinedWithHeights::kAll ? RefinedWithHeights::kDistortion
+                                             : RefinedWithHeights::kNone;
 }
 
 /// With the camera's height as far as it is found, asked for and not contradicted.
@@ -249,8 +263,8 @@ PlanarResult AdjustWithGround(const OuterLoopSettings& settings, const SemanticM
   const CameraHeightOptions& options = settings.camera_height;
   const double sigma_px = settings.solver.sigma_px;
   GroundReport ground;
-  const auto adjust = [&](HeightWeights weights) {
-    PlanarResult result = AdjustWithPlanes(settings, semantics, weights, planes, map);
+  const auto adjust = [&](const HeightPull& pull) {
+    PlanarResult result = AdjustWithPlanes(settings, semantics, pull, planes, map);
     result.report.ground = ground;
     return result;
   };
@@ -259,18 +273,18 @@ PlanarResult AdjustWithGround(const OuterLoopSettings& settings, const SemanticM
     map = start.map;
     if (with_ground) ground = AddGround(options, semantics, sigma_px, planes, map);
   };
-  if (options.mode == CameraHeightMode::kOff) return adjust(HeightWeights::kHonest);
+  if (options.mode == CameraHeightMode::kOff) return adjust({});
   ground = AddGround(options, semantics, sigma_px, planes, map);
   LogGround(ground);
-  if (!ground.in_use) return adjust(HeightWeights::kHonest);
-  const bool may_be_lens =
-      options.refine_distortion && ground.spread_before > options.sigma_relative;
-  PlanarResult result =
-      adjust(may_be_lens ? HeightWeights::kRaisedWithLens : HeightWeights::kRaised);
-  if (!result.report.cameras.empty() && !result.Doubts().empty()) {
-    spdlog::info("again with the lens as it was: {}", result.Doubts());
+  if (!ground.in_use) return adjust({});
+  const bool may_be_camera = ground.spread_before > options.sigma_relative;
+  RefinedWithHeights cameras = may_be_camera ? options.refine_camera : RefinedWithHeights::kNone;
+  PlanarResult result = adjust({true, cameras});
+  while (!result.report.cameras.empty() && !result.Doubts().empty()) {
+    spdlog::info("again with less of the camera refined: {}", result.Doubts());
+    cameras = LessThan(cameras);
     restart(true);
-    result = adjust(HeightWeights::kRaised);
+    result = adjust({true, cameras});
   }
   if (result.doubts_about_heights.empty()) return result;
   if (options.mode == CameraHeightMode::kOn) {
@@ -282,7 +296,7 @@ PlanarResult AdjustWithGround(const OuterLoopSettings& settings, const SemanticM
     ground.reason = result.doubts_about_heights;
     LogGround(ground);
   }
-  return adjust(HeightWeights::kHonest);
+  return adjust({});
 }
 
 /// What the planes did to the map before they lost their points is undone.

@@ -155,8 +155,8 @@ TEST(RefineCameraHeight, WhereTheMapContradictsItTheAdjustmentStartsAgainWithout
 
 constexpr double kWrongDistortion = 0.01;
 
-/// The drive along the street as a program sees it that has the lens wrong.
-Input MakeDriveWithWrongLens(SyntheticMap& map) {
+/// The drive along the street as a program sees it that has the camera wrong.
+Input MakeDriveWithWrongCamera(const std::function<void(Camera&)>& change, SyntheticMap& map) {
   SyntheticMapOptions options;
   options.num_images = 40;
   options.num_points = 3000;
@@ -164,10 +164,16 @@ Input MakeDriveWithWrongLens(SyntheticMap& map) {
   options.pixel_sigma = 0.3;
   map = MakeSyntheticMap("street", 1, options);
   Input input = MakeInput(map);
-  Camera& camera = input.model.cameras.begin()->second;
-  camera = WithDistortion(camera);
-  camera.params[4] = kWrongDistortion;
+  change(input.model.cameras.begin()->second);
   return input;
+}
+
+Input MakeDriveWithWrongLens(SyntheticMap& map) {
+  const auto change = [](Camera& camera) {
+    camera = WithDistortion(camera);
+    camera.params[4] = kWrongDistortion;
+  };
+  return MakeDriveWithWrongCamera(change, map);
 }
 
 TEST(RefineCameraHeight, TellsTheDistortionThatMakesTheScaleDrift) {
@@ -184,7 +190,7 @@ TEST(RefineCameraHeight, TellsTheDistortionThatMakesTheScaleDrift) {
   EXPECT_LT(std::abs(report.cameras[0].after[4]), 0.3 * kWrongDistortion);
   EXPECT_EQ(with_lens.model.cameras.begin()->second.params, report.cameras[0].after);
 
-  options.camera_height.refine_distortion = false;
+  options.camera_height.refine_camera = RefinedWithHeights::kNone;
   Output without;
   const Report kept = refine::Run(options, input, without);
   EXPECT_FALSE(kept.cameras.at(0).refined);
@@ -192,6 +198,44 @@ TEST(RefineCameraHeight, TellsTheDistortionThatMakesTheScaleDrift) {
             input.model.cameras.begin()->second.params);
   EXPECT_LT(AlignedCenterError(with_lens.model, map.truth),
             0.5 * AlignedCenterError(without.model, map.truth));
+}
+
+TEST(RefineCameraHeight, TellsThePrincipalPointThatMakesTheScaleDrift) {
+  constexpr double kShift = 15.0;  // px
+  SyntheticMap map;
+  const Input input =
+      MakeDriveWithWrongCamera([](Camera& camera) { camera.params[2] += kShift; }, map);
+  const Camera& given = input.model.cameras.begin()->second;
+  Options options;
+  Output whole;
+  const Report report = refine::Run(options, input, whole);
+  ASSERT_TRUE(report.ground.in_use) << report.ground.reason;
+  EXPECT_TRUE(report.cameras.at(0).refined);
+  EXPECT_TRUE(report.cameras[0].better_pinhole.empty());
+  const Camera& found = whole.model.cameras.begin()->second;
+  EXPECT_LT(std::abs(found.PrincipalX() - (given.PrincipalX() - kShift)), 0.3 * kShift);
+
+  options.camera_height.refine_camera = RefinedWithHeights::kDistortion;
+  Output distortion_only;
+  refine::Run(options, input, distortion_only);
+  EXPECT_LT(AlignedCenterError(whole.model, map.truth),
+            0.5 * AlignedCenterError(distortion_only.model, map.truth));
+}
+
+TEST(RefineCameraHeight, RefinesTheDistortionAloneWhereTheRestCannotBeBelieved) {
+  SyntheticMap map;
+  const Input input = MakeDriveWithWrongLens(map);
+  Options options;
+  options.intrinsics.max_principal_shift = 0.0;
+  Output output;
+  const Report report = refine::Run(options, input, output);
+  ASSERT_TRUE(report.ground.in_use) << report.ground.reason;
+  EXPECT_TRUE(report.cameras.at(0).refined);
+  EXPECT_LT(std::abs(report.cameras[0].after[4]), 0.3 * kWrongDistortion);
+  const Camera& before = input.model.cameras.begin()->second;
+  const Camera& after = output.model.cameras.begin()->second;
+  EXPECT_EQ(after.FocalX(), before.FocalX());
+  EXPECT_EQ(after.PrincipalX(), before.PrincipalX());
 }
 
 TEST(RefineCameraHeight, LeavesTheCameraWhereWhatItTellsCannotBeBelieved) {
@@ -217,7 +261,7 @@ TEST(RefineCameraHeight, KeepsCamerasThatTooLittleWasTakenWith) {
   const Report report = refine::Run(options, input, too_few);
   EXPECT_TRUE(report.ground.in_use) << report.ground.reason;
   EXPECT_TRUE(report.cameras.empty());
-  options.camera_height.refine_distortion = false;
+  options.camera_height.refine_camera = RefinedWithHeights::kNone;
   Output kept;
   refine::Run(options, input, kept);
   EXPECT_TRUE(SameBytes(too_few.model, kept.model));

@@ -11,6 +11,8 @@
 namespace s3lam {
 
 enum class CameraHeightMode { kAuto, kOn, kOff };
+/// What of the cameras may follow the heights.
+enum class RefinedWithHeights { kNone, kDistortion, kAll };
 
 /// The camera of a vehicle or robot keeps its height above the ground, which removes the drift of
 /// the scale of a monocular map.
@@ -27,8 +29,8 @@ struct CameraHeightOptions {
   double auto_max_spread = 0.05;
   double auto_min_coverage = 0.5;
   int min_points = 20;
-  /// With the heights where these vary by more than sigma_relative.
-  bool refine_distortion = true;
+  /// Where the heights vary by more than sigma_relative.
+  RefinedWithHeights refine_camera = RefinedWithHeights::kAll;
   uint64_t seed = 0;  // Of the samples drawn; from the command line.
 
   void Visit(OptionVisitor& v);

@@ -33,7 +33,8 @@ struct IntrinsicsReport {
   std::string model;  // As given.
   std::string model_after;
   bool refined = false;
-  std::string reason;  // Why not; empty where no camera was asked for.
+  bool pinhole_is_refined = false;  // Its focal lengths and its principal point, too.
+  std::string reason;               // Why not; empty where no camera was asked for.
   /// Share of the reprojection cost that a refined lens distortion would remove; 0 if not checked.
   double distortion_cost_share = 0.0;
   bool distortion_is_doubtful = false;  // That share is notable.
@@ -66,8 +67,8 @@ void WarnIfNoneIsRefined(const IntrinsicsOptions& options,
 /// Writes what became of the cameras' parameters into their reports.
 void TellParameters(const BundleMap& map, std::vector<IntrinsicsReport>& reports);
 
-/// Takes over what later `refined` cameras came to. Doubts about a distortion that was kept until
-/// then are gone.
+/// Takes over what later `refined` cameras came to. Doubts about what of them was kept until then
+/// are gone.
 void AddRefined(const std::vector<IntrinsicsReport>& refined,
                 std::vector<IntrinsicsReport>& reports);
 
