@@ -162,3 +162,15 @@ def add_arguments(parser, seeds):
     parser.add_argument("--sequences", nargs="+", choices=sorted(REAL), default=list(REAL))
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
     parser.add_argument("--seeds", nargs="+", type=int, default=seeds)
+
+
+def of_runs(arguments):
+    """Each chosen sequence and the folder that run.py wrote of it into `arguments.runs`."""
+    if arguments.data:
+        for name in arguments.sequences:
+            yield real_sequence(name, arguments.data), arguments.runs / name
+        return
+    for scene in arguments.scenes:
+        for seed in arguments.seeds:
+            run = arguments.runs / f"{scene}_{seed}"
+            yield synthetic_sequence(f"{scene} {seed}", run / "scene"), run

@@ -75,18 +75,6 @@ def rows_of(programs, run, sequence, masks, arguments, work):
                tables.metres(statistics.median(errors)), f"{100 * (max(errors) / plain - 1):+.1f} %"]
 
 
-def chosen(arguments):
-    """Each sequence and the folder of its run."""
-    if arguments.data:
-        for name in arguments.sequences:
-            yield sequences.real_sequence(name, arguments.data), arguments.runs / name
-        return
-    for scene in arguments.scenes:
-        for seed in arguments.seeds:
-            run = arguments.runs / f"{scene}_{seed}"
-            yield sequences.synthetic_sequence(f"{scene} {seed}", run / "scene"), run
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -101,7 +89,7 @@ def main():
     rows = []
     try:
         with tempfile.TemporaryDirectory() as work:
-            for sequence, run in chosen(arguments):
+            for sequence, run in sequences.of_runs(arguments):
                 stages.say(f"{sequence.name} ...")
                 for masks in sequence.masks:
                     rows += rows_of(programs, run, sequence, masks, arguments, pathlib.Path(work))
