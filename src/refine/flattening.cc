@@ -53,8 +53,8 @@ void FlattenPoints(const BundleSolverOptions& solver, const PlaneSigmaOptions& s
   if (sigma.kind != PlaneSigmaKind::kPixel || !has_free_points) return;
   const OnlyPointsFree scope(problem);
   for (PointOnPlane& term : problem.points_on_planes) {
-    const double in_common = planes.planes[term.plane].kappa / sigma.min_kappa;
-    term.sigma = sigma.min_kappa * solver.sigma_px * planes.keypoint_size[term.point] / in_common;
+    const double in_common = planes.planes[term.plane].kappa;
+    term.sigma = solver.sigma_px * planes.keypoint_size[term.point] / in_common;
   }
   SolveBundle(solver, journal, problem);
 }

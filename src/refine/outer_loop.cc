@@ -247,6 +247,7 @@ PlanarResult AdjustWithPlanes(const OuterLoopSettings& settings, const SemanticM
     result.report.refined_camera_params = std::exchange(map.problem.free_camera_params, {});
   }
   if (!pull.raised || result.Doubts().empty()) {
+    map.points_as_adjusted = map.problem.points;
     FlattenPoints(settings.solver, settings.planes.sigma, planes, settings.journal, map.problem);
   }
   return result;

@@ -80,6 +80,15 @@ void CarryUnusedImages(const Reconstruction& original, bool times_are_known, Bun
   }
 }
 
+/// The model's points change places with those where they were when poses were adjusted.
+void SwapWithAdjusted(const BundleMap& map, std::vector<Eigen::Vector3d>& adjusted,
+                      Reconstruction& model) {
+  for (size_t j = 0; j < adjusted.size(); ++j) {
+    const auto point = model.points.find(map.point_ids[j]);
+    if (point != model.points.end()) std::swap(point->second.xyz, adjusted[j]);
+  }
+}
+
 void MoveTrajectories(const Options& options, const Input& input, const BundleMap& map,
                       Output& output, Report& report) {
   output.frames = input.frames;
@@ -89,8 +98,12 @@ void MoveTrajectories(const Options& options, const Input& input, const BundleMa
   if (input.image_times_s.empty()) return;
   const auto keyframes = MovedKeyframes(input.model, map, input.image_times_s);
   output.frames = CarryFrames(input.frames, keyframes);
+  // What the keypoints of a track err by in common is in those of frames, too.
+  std::vector<Eigen::Vector3d> adjusted = map.points_as_adjusted;
+  SwapWithAdjusted(map, adjusted, output.model);
   report.frames =
       RefineFrames(options.frames, output.model, observations, options.num_threads, output.frames);
+  SwapWithAdjusted(map, adjusted, output.model);
   size_t i = 0;
   for (const auto& [id, image] : output.model.images) {
     output.keyframes.push_back({input.image_times_s[i++], image.cam_from_world.Inverse()});

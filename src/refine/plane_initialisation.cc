@@ -70,7 +70,7 @@ void EstimateKappa(const PlaneSigmaOptions& options, bool is_free, double sigma_
     // miss.
     const double max_kappa =
         is_free ? kNoLimit
-                : std::max(kLeastRoom * options.min_kappa, options.max_roughness_px / sigma_px);
+                : std::max({options.min_kappa, kLeastRoom, options.max_roughness_px / sigma_px});
     model.kappa_of_class[c] = SolveKappa(samples[c], options.min_kappa, max_kappa);
   }
   for (PlaneState& plane : model.planes) plane.kappa = model.kappa_of_class[plane.class_index];

@@ -41,6 +41,8 @@ struct BundleMap {
   std::vector<PointLook> looks;                 // Per point; empty if nothing is known.
   std::map<PointId, PointId> merged_into;       // What has become of points that are gone.
   bool keypoints_differ = false;                // Each has a sigma of its own.
+  /// Where points were when their poses were adjusted; empty: where they are.
+  std::vector<Eigen::Vector3d> points_as_adjusted;
 
   /// Index of a point; -1 if the model does not have it.
   [[nodiscard]] int IndexOfPoint(PointId id) const;
