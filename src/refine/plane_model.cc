@@ -143,7 +143,11 @@ void PlaneSigmaOptions::Visit(OptionVisitor& v) {
   v.Choice("kind", kind, kSigmaKindNames,
            "sigma of a point-plane distance: kappa x sigma_px x depth / f with kappa measured per "
            "class, alpha x median depth, or metres");
-  v.Value("min_kappa", min_kappa, "least kappa of a class (kind pixel)", 1e-6, 1e6);
+  v.Value(
+      "min_kappa", min_kappa,
+      "least kappa of a class (kind pixel): what the keypoints of a track err by in common, which "
+      "planes that follow the points do not show",
+      1e-6, 1e6);
   v.Value("max_roughness_px", max_roughness_px,
           "kappa x sigma_px is no larger than this (or three sigma_px): what departs more from a "
           "plane is not on it "

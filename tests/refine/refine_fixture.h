@@ -26,6 +26,17 @@ inline SyntheticMap MakeDeskMap(const std::vector<std::string>& assignments = {}
   return MakeSyntheticMap("desk", 3, options);
 }
 
+/// A drive whose scale drifts slowly: each image sees only its neighbours' points.
+inline SyntheticMap MakeDrive() {
+  SyntheticMapOptions options;
+  options.num_images = 40;
+  options.num_points = 2000;
+  options.max_track_window = 2;
+  options.pixel_sigma = 1.5;
+  options.drift_scale = 0.01;
+  return MakeSyntheticMap("street", 1, options);
+}
+
 inline Input MakeInput(const SyntheticMap& map) {
   Input input;
   input.model = map.estimate;
