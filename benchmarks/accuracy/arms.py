@@ -33,19 +33,32 @@ def error_of(programs, sequence, frames):
 
 
 def errors_of(programs, sequence, run, masks, arms, work):
-    """By arm; none for arms that the sequence has no use for."""
+    """By arm; none for arms that the sequence has no use for. Without masks: None."""
     errors = {}
     for arm in arms:
         if ARMS[arm] is None:
             errors[arm] = error_of(programs, sequence, run / "1_slam" / "frames.txt")
-        elif arm not in campaign_jobs.ROADS_ONLY or sequence.road:
-            programs.refine(run / "1_slam", run / f"2_lift_{masks}", work, ARMS[arm])
-            errors[arm] = error_of(programs, sequence, work / "frames.txt")
+            continue
+        if arm in campaign_jobs.ROADS_ONLY and not sequence.road:
+            continue
+        if masks is None and arm not in campaign_jobs.WITHOUT_MASKS:
+            continue
+        programs.refine(run / "1_slam", masks and run / f"2_lift_{masks}", work, ARMS[arm])
+        errors[arm] = error_of(programs, sequence, work / "frames.txt")
     return errors
 
 
+def percent(change):
+    return f"{100 * change:+.1f} %"
+
+
+def cells(errors, arms):
+    return [tables.metres(errors[arm]) if arm in errors else "-" for arm in arms]
+
+
 def row(name, masks, errors, arms):
-    return [name, masks, *(tables.metres(errors[arm]) if arm in errors else "-" for arm in arms)]
+    change = percent(errors[DEFAULTS] / errors[PLAIN] - 1) if DEFAULTS in errors else "-"
+    return [name, masks or "-", *cells(errors, arms), change]
 
 
 def mean_rows(by_sequence, arms):
@@ -57,8 +70,7 @@ def mean_rows(by_sequence, arms):
         means = {arm: statistics.fmean(errors[arm] for errors in seeds)
                  for arm in arms if arm in seeds[0]}
         changes = [errors[DEFAULTS] / errors[PLAIN] - 1 for errors in seeds]
-        mean = means[DEFAULTS] / means[PLAIN] - 1
-        yield [*row(scene, masks, means, arms), f"{100 * mean:+.1f} %", f"{100 * max(changes):+.1f} %"]
+        yield [*row(scene, masks, means, arms), percent(max(changes))]
 
 
 def main():
@@ -78,17 +90,18 @@ def main():
         with tempfile.TemporaryDirectory() as work:
             for sequence, run in sequences.of_runs(arguments):
                 stages.say(f"{sequence.name} ...")
-                for masks in sequence.masks:
+                for masks in sequence.masks or [None]:
                     by_sequence[sequence.name, masks] = errors_of(
                         programs, sequence, run, masks, arms, pathlib.Path(work) / "refined")
     except (OSError, stages.StageFailed) as error:
         sys.exit(str(error))
-    print(tables.markdown(["sequence", "masks", *arms],
+    change = f"{DEFAULTS} against {PLAIN}"
+    print(tables.markdown(["sequence", "masks", *arms, change],
                           [row(*key, errors, arms) for key, errors in by_sequence.items()]))
     if arguments.synthetic:
         print("Means over the seeds:\n")
-        print(tables.markdown(["scene", "masks", *arms, f"{DEFAULTS} against {PLAIN}",
-                               "worst of the seeds"], list(mean_rows(by_sequence, arms))))
+        print(tables.markdown(["scene", "masks", *arms, change, "worst of the seeds"],
+                              list(mean_rows(by_sequence, arms))))
 
 
 if __name__ == "__main__":
